@@ -40,7 +40,7 @@ from armadico.config.shipped import find
 from armadico.core import agent
 from armadico.core.agent import ERROR, INFO, WARNING, DeviceAgent
 from armadico.core.config_errors import ConfigError
-from armadico.core.cycles import CycleCounter
+from armadico.core.cycles import CycleCounter, epoch_of
 from armadico.core.discovery import TRANSPORTS, installed
 from armadico.core.hands import Hand, keeps_motors_off
 from armadico.core.messages import (
@@ -179,7 +179,8 @@ class Robot(DeviceAgent):
             )
         self._v_max = min(self.p.v_max or inf, self.profile.limits.v_max)
         self.cycles.period = self.profile.cycle_s
-        self._counter = CycleCounter(self.rng.getrandbits(63), self.cycles.period)
+        drawn, own = self.rng.getrandbits(63), epoch_of(self.instance)
+        self._counter = CycleCounter(drawn if own is None else own, self.cycles.period)
         self._session: Session | None = None
         self._awaited = ""  # before the port was first open: the reason
         self._known = Known()

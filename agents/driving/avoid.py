@@ -27,6 +27,10 @@ FLANKS = ((1.0, 0.0), (0.5, 0.2), (0.2, 0.5), (0.0, 0.8))
 BID_GAP_S = 0.5
 """Longer than this without a bid, it does not know whether the robot stood still, s."""
 
+LET_GO_M = 0.02
+"""More clearance than this beyond the margin lets it release the wheels. A wall at the margin is in
+the way by one reading, and not by the next."""
+
 LEAST_REACH_M = 0.3
 """Least distance, before the footprint, over which an open heading must be free, at any bend."""
 
@@ -83,6 +87,7 @@ class Avoid(Behaviour):
 
     name = "avoid"
     reacts_to = Obstacles
+    critical_for = (WHEELS,)
     parameters = Parameters
     launched_with = ("v_max", "safety.unmapped")
     changeable: ClassVar = {
@@ -152,10 +157,16 @@ class Avoid(Behaviour):
         return Bid(utility, action, critical(scene, p.safety), within, reason)
 
     def _along(self, points: Sequence[Point], v: float, w: float) -> float:
-        """The free distance on the present arc, m; infinite on the spot."""
+        """The free distance on the present arc, m; infinite on the spot.
+
+        While avoid holds the wheels, the arc is that of a robot at `v_danger` or faster. Avoid
+        itself has slowed it down, and the next holder would drive into the same arc again.
+        """
+        if self.holds(WHEELS):
+            v = max(v, self.p.v_danger)
         if v <= ON_THE_SPOT_M_S:
             return inf
-        return free_path(points, v, w, self.body.outline, self.p.safety.margin_m)
+        return self._free(points, v, w)
 
     def _toward(self, points: Sequence[Point], way: Way) -> float:
         """The free distance where the trajectory leads, m, after turning there.
@@ -167,8 +178,14 @@ class Avoid(Behaviour):
         if abs(way.heading) > limit_angle:
             return inf
         turned = _rotated(points, way.heading)
-        free = free_path(turned, 1.0, 0.0, self.body.outline, self.p.safety.margin_m)
+        free = self._free(turned, 1.0, 0.0)
         return free if free < way.bend_m else inf
+
+    def _free(self, points: Sequence[Point], v: float, w: float) -> float:
+        """The free distance on an arc, m; with more clearance while avoid holds the wheels."""
+        margin = self.p.safety.margin_m
+        margins = (margin, margin + LET_GO_M) if self.holds(WHEELS) else (margin,)
+        return min(free_path(points, v, w, self.body.outline, each) for each in margins)
 
     def _act(self, scene: Scene, way: Way, pose: Pose, v: float) -> tuple[tuple[float, float], str]:
         """The action in the zone of the open heading: slow down; also turn; stop and turn."""
@@ -185,7 +202,7 @@ class Avoid(Behaviour):
         if zone == "stop" or abs(heading) > p.turn_first:
             speed = 0.0 if abs(heading) > p.aligned else min(speed, p.v_danger)
         w = max(-p.w_max, min(p.w_max, p.turn_gain * heading))
-        speed, w, _ = self.limited_in(scene, speed, w, p.safety)
+        speed, w = self.limited_in(scene, speed, w, p.safety)
         degrees = heading * 180 / pi
         turns = speed < 0.02
         self._turned_out |= turns and self.now < self._escape_until
@@ -245,7 +262,8 @@ class Avoid(Behaviour):
         near = self.route.to_go(pose.x, pose.y) < self.p.goal_m
         excused = idle or near or not driven
         self._update_rest(
-            excused or abs(state.v) > 0.02 * self.pose_confidence or abs(state.w) > 0.05
+            excused or abs(state.v) > 0.02 * self.pose_confidence or abs(state.w) > 0.05,
+            refused=bool(state.capped) and state.driver == self.instance,
         )
         self._update_place(pose, excused)
         self._update_stall(state.stalled)
@@ -255,12 +273,14 @@ class Avoid(Behaviour):
     def _was_idle(self) -> bool:
         return self.now - self._bid_at > BID_GAP_S
 
-    def _update_rest(self, moving: bool) -> None:
+    def _update_rest(self, moving: bool, *, refused: bool) -> None:
         if moving:
             self._moved_at = self.now
         elif self.now - self._moved_at > self.p.stuck_s:
             self._moved_at = self.now
-            if self._turned_out:  # too near to an obstacle, or another agent turned it back
+            # Too near to an obstacle, or another agent turned it back; or the robot agent refuses
+            # the way on, by readings of its own.
+            if self._turned_out or refused:
                 self._back_off()
             else:
                 self._escape_until = self.now + self.p.escape_s
@@ -298,7 +318,7 @@ class Avoid(Behaviour):
         behind = free_path(mirrored, 1.0, 0.0, self.body.outline.turned_round, BACK_MARGIN_M)
         if behind <= self.p.back_room_m:
             return None
-        v, w, _ = self.limited_in(scene, -self.p.v_back, 0.0, self.p.safety)
+        v, w = self.limited_in(scene, -self.p.v_back, 0.0, self.p.safety)
         return (v, w) if v < 0.0 else None
 
     def _unlatch(self, pose: Pose) -> None:
@@ -313,7 +333,7 @@ class Avoid(Behaviour):
         for direction in (sign, -sign):
             room = free_turn(scene.points, direction, self.body.outline, TURN_MARGIN_M)
             if room > self.p.safety.turn_room:
-                v, w, _ = self.limited_in(scene, 0.0, direction * self.p.w_stop, self.p.safety)
+                v, w = self.limited_in(scene, 0.0, direction * self.p.w_stop, self.p.safety)
                 if w != 0.0:
                     return v, w
         if (back := self._back(scene)) is None:
@@ -327,7 +347,7 @@ class Avoid(Behaviour):
         It goes on until it can turn, and the other way once that is blocked.
         """
         for creeps in (self._creeps, -self._creeps):
-            v, _, _ = self.limited_in(scene, creeps * self.p.v_back, 0.0, self.p.safety)
+            v, _ = self.limited_in(scene, creeps * self.p.v_back, 0.0, self.p.safety)
             if abs(v) >= 0.5 * self.p.v_back:
                 self._creeps = creeps
                 return v, 0.0
@@ -336,7 +356,7 @@ class Avoid(Behaviour):
     def _onward(self, scene: Scene, wanted: float, v: float) -> tuple[float, float]:
         """The command for the cycle or two until another agent takes over."""
         w = max(-self.p.w_max, min(self.p.w_max, self.p.turn_gain * wanted))
-        return self.limited_in(scene, v, w, self.p.safety)[:2]
+        return self.limited_in(scene, v, w, self.p.safety)
 
     def _way(self, pose: Pose, obstacles: Obstacles) -> Way:
         """Where the trajectory leads; it bends or ends if its point is nearer than `ahead_m`."""

@@ -23,8 +23,12 @@ from armadico.mobile.messages import Pose, Waypoint
 from armadico.mobile.motion import Speeds
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.safety import corner_cut, unhurried
+from armadico.mobile.swept_path import free_path
 
 Positive = Annotated[float, Meta(gt=0, le=10)]
+
+KEEPS = 0.5
+"""The holder keeps the wheels down to this share of `clear_m`, since readings vary."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -149,23 +153,26 @@ class Gothrough(Behaviour):
         p = self.p
         if p.rules == "safe" and abs(alpha) > p.astray:
             return self._none("the middle is not ahead")
-        if p.controller == "brisk":
-            v, w = self._brisk(alpha, pose, obstacles)
-        else:
-            v, w = self._proportional(alpha, pose)
+        brisk = p.controller == "brisk"
+        v, w = self._brisk(alpha, pose) if brisk else self._proportional(alpha, pose)
         if p.rules == "safe":
-            v, w, free = self.limited_in(self.scene(obstacles), v, w, p.safety)
-            if free < p.clear_m:
+            # Of the wanted arc: of a slower robot, which turns as fast, it would be another one, so
+            # the holder would release as soon as it is slowed down.
+            free = free_path(obstacles.points, v, w, self.body.outline, p.safety.margin_m)
+            if free < (KEEPS * p.clear_m if self.holds(WHEELS) else p.clear_m):
                 return self._none(f"only {free:.2f} m of free way")
+        if brisk:
+            v = unhurried(v, w, self.scene(obstacles), p.safety)
+        if p.rules == "safe":
+            v, w = self.limited(v, w, obstacles, p.safety)
         self._commanded = (v, w)
         return Bid(utility, (v, w), reason=f"{utility:.2f} at {alpha:.2f} rad")
 
-    def _brisk(self, alpha: float, pose: Pose, obstacles: Obstacles) -> Speeds:
+    def _brisk(self, alpha: float, pose: Pose) -> Speeds:
         before = self._commanded if self.holds(WHEELS) else self.measured
         soon = self._driver.soon(pose, self.measured, before)
         off = alpha - wrap(soon.theta - pose.theta)
-        v, w = self._driver.toward(off, soon, self.route, before, self.body.cycle_s)
-        return unhurried(v, w, self.scene(obstacles), self.p.safety), w
+        return self._driver.toward(off, soon, self.route, before, self.body.cycle_s)
 
     def _proportional(self, alpha: float, pose: Pose) -> Speeds:
         p = self.p

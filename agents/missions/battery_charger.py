@@ -48,7 +48,7 @@ from armadico.mobile.messages import (
     Trajectory,
     Waypoint,
 )
-from armadico.mobile.resources import PLANNER
+from armadico.mobile.resources import PLANNER, TRAJECTORY
 
 Share = Annotated[float, Meta(ge=0, le=1)]
 Seconds = Annotated[float, Meta(gt=0, le=86_400)]
@@ -175,6 +175,7 @@ class BatteryCharger(DeliberativeAgent):
         *(RobotState, Pose, BatteryLevel, BatteryAlarm),
         *(Trajectory, Planned, MissionStatus),
     )
+    critical_for = (PLANNER, TRAJECTORY)
     provides: ClassVar[tuple[type[Message], ...]] = (ChargeStatus,)
     answers: ClassVar[tuple[type[Message], ...]] = (EnergyRequest, ChargeRequest)
     parameters = Parameters

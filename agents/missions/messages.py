@@ -403,7 +403,7 @@ state(ExploreStatus, "explore/status", 1, None, "the progress of the exploration
 query(EnergyRequest, "battery/enough", EnergyReply, "does the energy suffice?")
 state(ChargeStatus, "battery/charging", 1, 3, "the charger's state; 10 Hz in the dock")
 query(ChargeRequest, "battery/charge", MissionReply, "charge the battery")
-event(Alarm, "alarm", "an alarm in a room; any program may publish it", several=True)
+event(Alarm, "alarm", "an alarm in a room; any program may publish it", several=True, guests=True)
 latch(Board, "mission/board", "the missions and their progress", rate_hz=1)
 event(SubplanRequest, "mission/subplan", "a request to the planner agents")
 event(Subplan, "mission/subplan/answer", "a planner agent's plan", several=True, sender="planner")

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
-from armadico.agents.interface.messages import MissionCancel
+from armadico.agents.interface.messages import MissionCancel, MissionOrder
 from armadico.agents.missions.mission_file import Mission, load_mission
 from armadico.config.shipped import names
 from armadico.core.messages import Name
@@ -29,6 +29,7 @@ class Missions(Part):
     """Orders and cancels missions as other clients do."""
 
     requests = (Order, Cancel)
+    queries = (MissionOrder, MissionCancel)
 
     @property
     def fixed(self) -> Mapping[str, Any]:

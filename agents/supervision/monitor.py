@@ -288,6 +288,7 @@ class Monitor(Agent):
         known = self._known.get(card.instance)
         if known is not None:
             known.card, known.answered_at = card, self.now
+            self._audit(card)
 
     def on_host_share(self, share: HostShare) -> None:
         self._note_answer(share.instance)

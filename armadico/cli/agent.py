@@ -131,7 +131,8 @@ def _serve(args: Options) -> int:
     agents = []
     for kind, values in zip(kinds, parameters, strict=True):
         with attributed(kind):
-            own = identity(kind.name, where.name, where.digest, protocol)
+            may = None if mesh.door is None else mesh.door.may_be_critical
+            own = identity(kind.name, where.name, where.digest, protocol, may)
             agents.append(kind(own, values))
     devices = (a for a in agents if isinstance(a, DeviceAgent) and a.address)
     connect = {

@@ -323,6 +323,9 @@ def _check_keys(plan: Plan, where: Endpoints) -> None:
         faults = door.faults(False) if door is not None and (robot or not has_robot) else ()
         if faults:
             raise FailedError(f"{plan.host}: {'; '.join(faults)}")
+    own = where.door(launcher(plan.host))
+    for doubt in () if own is None else own.doubts(labels):
+        _log(f"{plan.host}: {doubt}")
 
 
 def _check_names(args: Options, where: Endpoints, host: Host) -> None:

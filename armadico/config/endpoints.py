@@ -62,6 +62,12 @@ class Endpoints:
         return self.table.digest if self.table is not None and self.table.file else ""
 
     @property
+    def known(self) -> tuple[str, ...]:
+        """The endpoints of the robot's router that are given, or else in the table."""
+        there = self.table.robots_router if self.table is not None else None
+        return self.connect or (() if there is None else (there,))
+
+    @property
     def keys(self) -> Path | None:
         """The folder of keys: the table's, else that of the society on this computer, else None."""
         if self.table is not None:
@@ -147,9 +153,11 @@ def endpoints(
     named = table_of(hosts, host, connect)
     if named is None:
         return Endpoints(namespace=namespace, connect=connect)
-    from armadico.config.hosts import load_hosts  # seldom needed
+    from armadico.config.hosts import load_hosts, over_tls  # seldom needed
 
     table = load_hosts(named)
+    if table.keys is not None:
+        connect = tuple(map(over_tls, connect))
     if host is None:
         host = _by_address(table, passing=passing)
     else:
@@ -161,7 +169,8 @@ def endpoints(
             table.file,
         )
     for endpoint in connect:
-        if endpoint != (known := table.robots_router):
+        known = table.robots_router
+        if endpoint != known and endpoint not in table.fleet:
             raise ConfigError(
                 f"--connect {endpoint} contradicts the host table, whose robot is at"
                 f" {known or 'no address'}; leave out --connect, or --host and --hosts",

@@ -11,7 +11,7 @@ from armadico.core.cycles import CycleClock
 from armadico.core.desk import Desk
 from armadico.core.exchange import EXCHANGES, Bid
 from armadico.core.messages import Message
-from armadico.core.outgoing import ERROR, Publish, Refused
+from armadico.core.outgoing import ERROR, WARNING, Publish, Refused
 from armadico.core.resources import Resource
 
 LONGEST_REASON: Final = 200  # characters of a bid's reason that are kept
@@ -36,6 +36,7 @@ class Bidding:
             COMPARISONS[social.comparison],
         )
         self._turned: m.Cycle | None = None  # the cycle of the last turn
+        self._warned = False  # that critical bids are not declared
         self._claim_key = desk.key_of(m.Claim, resource=resource.name)
         self._command_key = resource.command_key_of(agent.instance)
 
@@ -130,11 +131,24 @@ class Bidding:
             if within is not None and not isfinite(within):
                 within = None
             reason = m.line(str(bid.reason))[:LONGEST_REASON]
+            self._check_critical(bid)
             return Bid(utility, self.resource.pack(bid.action), bool(bid.critical), within, reason)
         except (TypeError, ValueError) as error:
             why = self._agent.why = m.line(f"its bid is invalid: {error}")[:LONGEST_REASON]
         self._desk.log(f"{self._agent.instance}: {why}", ERROR)
         return None
+
+    def _check_critical(self, bid: Bid) -> None:
+        """Log once that a bid is critical, and the class does not declare such bids."""
+        if not bid.critical or self.resource in self._agent.critical_for or self._warned:
+            return
+        self._warned = True
+        name = type(self._agent).__name__
+        self._desk.log(
+            f"{self._agent.instance}: its bid for {self.resource.name} is critical, and"
+            f" {name}.critical_for lacks that resource: a society with keys refuses the bid",
+            WARNING,
+        )
 
     def _send(self, messages: list[Message]) -> None:
         outbox = self._desk.outbox

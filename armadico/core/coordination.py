@@ -587,12 +587,25 @@ class Verdict(StrEnum):
     OUT_OF_RANGE = "its action is not one of this resource, or beyond its limits"
     UNAVAILABLE = "the resource is not ready"
     NOT_ITS_KEY = "its sender is not the publisher that its key names"
+    NOT_CRITICAL = "it is critical, which its agent's class does not declare"
 
 
 class Owner:
     """The owner's side of a resource: it rejects commands and never chooses a holder."""
 
-    def __init__(self, resource: Resource, clock: CycleClock) -> None:
+    def __init__(
+        self,
+        resource: Resource,
+        clock: CycleClock,
+        may_be_critical: Callable[[str], bool] | None = None,
+    ) -> None:
+        """Begin without a holder.
+
+        Args:
+            resource: The resource.
+            clock: Its cycles.
+            may_be_critical: Whether an instance's bids may be critical; None: all of them.
+        """
         self.resource = resource
         self.largest: Ballot | None = None
         self.obeyed: Ballot | None = None
@@ -600,6 +613,8 @@ class Owner:
         self.active = False  # it has obeyed a command and not rested since
         self.refusals: Counter[str] = Counter()  # since the last report, by verdict
         self.clock = clock
+        self._may_be_critical = may_be_critical
+        self._barred: Ballot | None = None  # the tenure of a claim that may not be critical
         self._over: Ballot | None = None  # the tenure that was released
         self._rank = (0.0, False)  # utility and critical of the obeyed tenure
         self._obeyed_at = float("-inf")
@@ -610,6 +625,10 @@ class Owner:
         Returns whether the resource is to be rested: the obeyed tenure was released.
         """
         if not self.clock.fresh(claim.cycle) or not plausible(claim.ballot, self.largest):
+            return False
+        if not self._may(claim.ballot, critical=claim.critical):
+            self._barred = claim.ballot
+            self._refuse(claim.ballot, Verdict.NOT_CRITICAL)
             return False
         self._learn(claim.ballot)
         if claim.utility is None:
@@ -641,8 +660,18 @@ class Owner:
             self.obeyed, self.obeyed_cycle = ballot, command.cycle
             self._obeyed_at, self.active = now, True
         else:
-            self.refusals[verdict] += 1
+            self._refuse(command.ballot, verdict)
         return verdict
+
+    def _refuse(self, ballot: Ballot, verdict: Verdict) -> None:
+        by = f"{ballot.instance}: " if verdict is Verdict.NOT_CRITICAL else ""
+        self.refusals[f"{by}{verdict}"] += 1
+
+    def _may(self, ballot: Ballot, *, critical: bool = False) -> bool:
+        """Return whether an instance may be as critical as its ballot, and its claim, are."""
+        if self._may_be_critical is None or not (critical or ballot.critical):
+            return True
+        return self._may_be_critical(ballot.instance)
 
     def returned(self) -> None:
         """Discard the obeyed cycle that the clock no longer counts; the largest ballot stays."""
@@ -682,6 +711,8 @@ class Owner:
             return Verdict.OLD_CYCLE
         if not plausible(ballot, self.largest):
             return Verdict.IMPLAUSIBLE
+        if ballot == self._barred or not self._may(ballot):
+            return Verdict.NOT_CRITICAL
         if self.largest is not None and ballot < self.largest:
             return Verdict.STALE_BALLOT
         if ballot == self._over:

@@ -7,6 +7,7 @@ with any error of a host's time.
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
 from armadico.core.messages import Cycle
@@ -183,6 +184,15 @@ class CycleClock:
     def alive(self, now: float) -> bool:
         """Return whether the owner's last message is at most `fresh_cycles` old."""
         return now - self.received_at <= self.fresh_cycles * self.period
+
+
+def epoch_of(instance: str) -> int | None:
+    """Return the epoch of the cycles that an instance numbers: the first 63 bits of its id.
+
+    So an epoch can be checked against the tokens of live instances. None: it has no such id.
+    """
+    bits = instance.rpartition("-")[2]
+    return int(bits, 16) >> 1 if re.fullmatch("[0-9a-f]{16}", bits) else None
 
 
 class CycleCounter:

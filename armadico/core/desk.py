@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import deque
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any, Final, TypeVar, cast
 
 from armadico.core import messages as m
 from armadico.core.cycles import CycleClock
 from armadico.core.individual import Individual
-from armadico.core.latched import Memory
+from armadico.core.latched import STOP, Memory, What, what_of
 from armadico.core.messages import Message
 from armadico.core.outgoing import INFO, Outgoing, Publish
 from armadico.core.services import Gathering, Kind, expression, service_of
@@ -17,6 +18,14 @@ from armadico.core.services import Gathering, Kind, expression, service_of
 M = TypeVar("M", bound=Message)
 
 BIDS_REMEMBERED: Final = 50
+
+
+@dataclass(frozen=True, slots=True)
+class Authored:
+    """The author of a stored state, and the state as it signed it, if that was received."""
+
+    instance: str  # empty: of protocol 2, and not known
+    record: m.Repeat | None = None
 
 
 class Desk:
@@ -28,6 +37,8 @@ class Desk:
         cycles: The robot's cycles.
         outbox: What the driver is to send, in order.
         memory: The latched states.
+        authors: Who published them, by kind and topic: the keys, or "" of protocol 2.
+        living: The live instances of other agents.
         newest: The newest messages, by kind.
         gatherings: What combines the messages of several publishers, by kind.
         bids: The records of the last bids.
@@ -40,7 +51,10 @@ class Desk:
         self.now = 0.0
         self.cycles = CycleClock()
         self.outbox: list[Outgoing] = []
-        self.memory = Memory(agent.rng)
+        self.memory = Memory(agent.rng, self._gives)
+        self.memory.judges = m.RobotState in agent.provides
+        self.authors: dict[What, Authored] = {}
+        self.living: set[str] = set()
         self.newest: dict[type[Message], Message] = {}
         self.gatherings: dict[type[Message], Gathering] = {}
         self.bids: deque[m.BidRecord] = deque(maxlen=BIDS_REMEMBERED)
@@ -61,8 +75,15 @@ class Desk:
         service = service_of(type(message))
         if service.kind is Kind.LATCHED:
             with suppress(m.MessageError):  # a message that cannot be sent is not stored either
-                self.memory.note(m.checked(cast("m.Latched", message)))
+                latched = m.checked(cast("m.Latched", message))
+                self.memory.note(latched)
+                self.authors[what_of(latched)] = Authored(self.agent.instance)
         self.outbox.append(Publish(self.key_of(type(message), **names), message))
+
+    def _gives(self, what: What) -> bool:
+        """Return whether this agent gives a latched state to others: its author is gone."""
+        known = self.authors.get(what)
+        return what == STOP or known is None or known.instance not in self.living
 
     def _key(self, kind: type[Message]) -> str:
         return service_of(kind).key_in(self.protocol)

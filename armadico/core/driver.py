@@ -10,12 +10,13 @@ from __future__ import annotations
 from collections import Counter, OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, cast
 
 from msgspec.structs import replace
 
 from armadico.core.agent import WARNING, Agent, DeviceAgent, Question
 from armadico.core.coordination import Verdict
+from armadico.core.cycles import epoch_of
 from armadico.core.kernel import Subscription
 from armadico.core.membership import CARD_S, Admission, Stage
 from armadico.core.messages import (
@@ -29,10 +30,28 @@ from armadico.core.messages import (
     Message,
     MessageError,
     ParametersRequest,
+    Repeat,
+    RobotState,
+    Stop,
+    Tuning,
     decode,
 )
 from armadico.core.outgoing import Answer, Publish, Refused, SendQuery, Write
-from armadico.core.services import BIDS, CARD, addressed, parent, service_of, shared_key
+from armadico.core.services import (
+    BIDS,
+    CARD,
+    RELEASE,
+    SPOKEN,
+    STOP,
+    Kind,
+    addressed,
+    by_people,
+    matches,
+    parent,
+    service_at,
+    service_of,
+    shared_key,
+)
 from armadico.core.shared import is_shared
 
 OPEN_QUERIES: Final = 64  # queries that may wait for their answers; beyond, the oldest is dropped
@@ -54,6 +73,10 @@ PAUSE_S: Final = 2.0
 # older protocol, arrive within this time, s. So many are kept to know the copies by.
 COPY_S: Final = 1.0
 COPIES: Final = 32
+
+ROBOT: Final = "robot"  # the name of the agent that owns the robot's port
+NOT_CURRENT: Final = "its publisher is not alive, or it is of an earlier run"
+NOT_PEOPLE: Final = "only a person's program releases a stop"
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,6 +167,7 @@ class Driver:
         self._reported_at = float("-inf")
         self._slow: list[float] = []  # turns since the last report that were slow, s each
         self._slow_at = float("-inf")
+        self._epochs: frozenset[int] | None = None  # of live robot agents; None: any epoch counts
         self._copied: deque[tuple[float, Message]] = deque(maxlen=COPIES)  # may be, with the time
 
     # Life cycle ----------------------------------------------------------------------------------
@@ -235,6 +259,15 @@ class Driver:
             message = self._read(to.message, key, payload, now)
             if message is None:
                 return
+        if not self._is_current(to, key, message):
+            self._refuse(key, NOT_CURRENT, now)
+            return
+        record: Repeat | None = None
+        if type(message) is Repeat:
+            record = message
+            message = self._repeated(key, record, now)
+            if message is None:
+                return
         if to.shared and not self._counts(to.shared, key, message, now):
             return
         if self.refused or self._slow:
@@ -243,6 +276,11 @@ class Driver:
             self.kernel.receive(message, own)
         elif isinstance(message, Latched) and self.stage is not Stage.REFUSED:
             self.kernel.remember(message, own)
+        if record is not None:
+            self.kernel.author(message, record.publisher, record if record.signature else None)
+        elif to.kind is Kind.LATCHED:
+            publisher = key.rpartition("/")[2] if to.shared not in ("", key) else ""
+            self.kernel.author(message, publisher, None)
 
     def token(self, name: str, instance: str, alive: bool, now: float) -> None:
         """Process that a liveliness token appeared (`alive`) or disappeared."""
@@ -251,6 +289,9 @@ class Driver:
         if instance == self.agent.instance or alive == (other in self.alive):
             return
         (self.alive.add if alive else self.alive.discard)(other)
+        (self.kernel.living.add if alive else self.kernel.living.discard)(instance)
+        if name == ROBOT:
+            self._note_epochs()
         if self._admission is not None:
             if alive:
                 self._admission.appeared(name, instance, now)
@@ -320,6 +361,8 @@ class Driver:
         self._admission.on_card(instance, card, now)
         if card is not None and (card.name, card.instance) in self.alive:
             self.kernel.met(card, own)
+            if card.name == ROBOT:
+                self._note_epochs()
         self._progress(now)
 
     def received(self, data: bytes, now: float) -> None:
@@ -442,10 +485,52 @@ class Driver:
             fault = str(error)
         else:
             fault = misaddressed(key, message)
+            if not fault and type(message) is Stop and matches(RELEASE.pattern, key):
+                alive = key.rpartition("/")[2] in self.kernel.living
+                fault = NOT_PEOPLE if alive else ""
             if not fault:
                 return message
         self._refuse(key, fault, now)
         return None
+
+    def _note_epochs(self) -> None:
+        """Note the epochs of the live robot agents."""
+        robots = [instance for name, instance in self.alive if name == ROBOT]
+        epochs = {epoch_of(instance) for instance in robots}
+        older = any(self.kernel.speaks.get(each, SPOKEN) < SPOKEN for each in robots)
+        found = frozenset(each for each in epochs if each is not None)
+        self._epochs = None if older or len(found) < len(epochs) else found
+
+    def _is_current(self, to: Subscription, key: str, message: Message) -> bool:
+        """Return whether a message is of this society, by what it shows of its live processes.
+
+        A recording can be published again, also while the robot agent restarts, but not the
+        liveliness tokens in it. Commands, claims and sensors' messages have the robot's cycle.
+        """
+        if type(message) is RobotState:
+            return self._epochs is None or message.cycle.epoch in self._epochs
+        if to.message is Repeat:
+            return key.rpartition("/")[2] in self.kernel.living
+        if not to.shared or service_of(to.message).sender:
+            return True
+        publisher = key.rpartition("/")[2] if key != to.shared else ""
+        if publisher in self.kernel.living:
+            return True
+        if to.kind is not Kind.LATCHED:  # a person's program has no token
+            return not publisher or by_people(publisher)
+        if type(message) is not Stop:
+            return not publisher  # of protocol 2
+        newest = self.kernel.cycles.newest
+        return not message.epoch or (newest is not None and message.epoch == newest.epoch)
+
+    def _repeated(self, key: str, repeat: Repeat, now: float) -> Latched | None:
+        """Return the latched state that an agent repeats; None if it is refused."""
+        service, message = service_at(repeat.key), None
+        if service is None or service.kind is not Kind.LATCHED or service.message is Stop:
+            self._refuse(key, f"it repeats {repeat.key}", now)
+        else:
+            message = self._read(service.message, repeat.key, repeat.payload, now)
+        return cast("Latched | None", message)
 
     def _copy(self, item: Publish) -> None:
         """Publish also on the key of older protocols, while an agent is alive that uses one.
@@ -498,10 +583,28 @@ class Driver:
 def misaddressed(key: str, message: Message) -> str:
     """Return why a message does not belong on its key; "" if it does."""
     service = service_of(type(message))
+    publisher = key.rpartition("/")[2]
+    if type(message) is Stop:
+        return _stop_misaddressed(key, publisher, message)
+    if type(message) is Tuning and key != "tuning":
+        ours = message.topic == (publisher.rpartition("-")[0] or publisher)
+        return "" if ours else f"it is about {message.topic or 'several agents'}"
     if (type(message) is Claim or type(message) is Ack) and key.split("/")[1] != message.resource:
         return f"it is about {message.resource}"
     sender = service.sender_of(message)
-    if not sender or key.rpartition("/")[2] == sender:
+    if not sender or publisher == sender:
         return ""
     shared = service.since > OLDEST and key.count("/") < service.key.count("/")
     return "" if shared else Verdict.NOT_ITS_KEY
+
+
+def _stop_misaddressed(key: str, publisher: str, stop: Stop) -> str:
+    """Return why a stop or a release does not belong on its key; "" if it does.
+
+    On the key that all publishers share in protocol 2, both do.
+    """
+    if matches(RELEASE.pattern, key):
+        if stop.stopped:
+            return "it is a stop"
+        return "" if by_people(publisher) else NOT_PEOPLE
+    return "it is a release" if not stop.stopped and matches(STOP.pattern, key) else ""

@@ -26,6 +26,8 @@ class Identity:
     rng: random.Random = field(default_factory=random.Random, compare=False)
     table: str = ""  # the digest of its host table; empty: it has none
     protocol: int = m.PROTOCOL  # that it uses; an older one is to try and replay what came before
+    may_be_critical: Callable[[str, str], bool] | None = field(default=None, compare=False)
+    """Whether an instance's bids for a resource may be critical; None: the society has no keys."""
 
 
 class Individual:
@@ -44,6 +46,8 @@ class Individual:
     answers: ClassVar[tuple[type[Message], ...]] = ()  # queries it answers
     queries: ClassVar[tuple[type[Message], ...]] = ()  # queries it sends
     competes_for: ClassVar[tuple[Resource, ...]] = ()
+    critical_for: ClassVar[tuple[Resource, ...]] = ()
+    """Of the resources in `competes_for`, those for which its bids may be critical."""
     owns: ClassVar[tuple[Resource, ...]] = ()
     alone: ClassVar[bool] = False  # a second instance in the namespace may not join
     parameters: ClassVar[type[Parameters]] = Parameters

@@ -14,25 +14,39 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any, Final, cast
 
+from msgspec.structs import replace
+
 from armadico.core import messages as m
 from armadico.core import names
 from armadico.core.bidding import Bidding
+from armadico.core.coordination import Verdict
 from armadico.core.cycles import AHEAD, CycleClock
-from armadico.core.desk import Desk
+from armadico.core.desk import Authored, Desk
 from armadico.core.individual import Individual
+from armadico.core.latched import what_of
 from armadico.core.messages import Message
 from armadico.core.outgoing import (
     ERROR,
     INFO,
     WARNING,
     Answer,
+    Publish,
     Question,
     Refused,
     SendQuery,
 )
 from armadico.core.owning import Owning
 from armadico.core.resources import Resource, declare, differently
-from armadico.core.services import Gathering, Kind, Service, derived, latched, service_of
+from armadico.core.services import (
+    RELEASE,
+    SPOKEN,
+    Gathering,
+    Kind,
+    Service,
+    derived,
+    latched,
+    service_of,
+)
 from armadico.core.settings import Settings
 
 
@@ -63,7 +77,10 @@ def subscriptions(cls: type[Individual], protocol: int = m.PROTOCOL) -> tuple[Su
     if kinds or cls.provides or cls.competes_for or cls.owns:  # needs the robot's cycles
         cycles = (m.RobotState, m.Description)
         kinds = [*(kind for kind in cycles if kind not in cls.provides), *kinds]
-    kinds += [service.message for service in latched()]
+    # The robot agent's state tells the others that the stop is released.
+    follows = bool(kinds) or m.RobotState in cls.provides
+    releases = m.Stop in kinds or m.RobotState in cls.provides
+    kinds += [s.message for s in latched() if follows or s.message is not m.Stop]
     services = [service_of(kind) for kind in dict.fromkeys(kinds)]
     for service in services:
         if service.watchers_only:
@@ -74,6 +91,10 @@ def subscriptions(cls: type[Individual], protocol: int = m.PROTOCOL) -> tuple[Su
     found += [Subscription(m.Claim, pattern, Kind.EVENT) for pattern in claimed]
     found += [Subscription(m.Ack, r.ack_key, Kind.STATE) for r in cls.competes_for]
     found += [Subscription(m.Command, r.command_pattern, Kind.EVENT) for r in cls.owns]
+    if protocol >= SPOKEN:
+        found.append(Subscription(m.Repeat, service_of(m.Repeat).pattern, Kind.EVENT))
+    if releases:
+        found.append(Subscription(m.Stop, RELEASE.pattern, RELEASE.kind))
     return tuple(found)
 
 
@@ -99,6 +120,7 @@ class Kernel(Desk):
         foreign: Instances that do not understand its protocol, or have other resources.
         speaks: The protocols that other instances use, by their cards.
         elders: Whether one of them uses an older protocol than the agent.
+        closed: Whether the society has keys, so that no agent of protocol 2 takes part.
         reachable: Whether the robot's router can be reached.
         drawn: The state of `rng` before the first draw: a replay begins here.
         alarm: When the agent wants to be woken, s.
@@ -111,6 +133,7 @@ class Kernel(Desk):
         self.foreign: set[str] = set()
         self.speaks: dict[str, int] = {}
         self.elders = False
+        self.closed = False
         self.reachable = True
         self.subscriptions = subscriptions(type(agent), self.protocol)
         self.alarm: float | None = None
@@ -178,7 +201,8 @@ class Kernel(Desk):
     def latch(self, by: str) -> None:
         known = self.memory.newest(m.Stop) or m.Stop()
         press = self.agent.rng.getrandbits(63)
-        self.publish(m.Stop(m.next_count(known.counter), stopped=True, by=by, press=press))
+        counter = m.next_count(known.counter)
+        self.publish(m.Stop(counter, stopped=True, by=by, press=press, epoch=self._epoch))
         self._stop_changed()
 
     def acknowledge(self) -> None:
@@ -238,8 +262,8 @@ class Kernel(Desk):
     def remember(self, message: m.Latched, now: float) -> None:
         """Store a latched state that is received before the start."""
         self.now = now
-        self.newest[type(message)] = message
-        self._note_latched(message)
+        if self._note_latched(message):
+            self.newest[type(message)] = message
 
     def on_query(self, request: Message, question: Question, now: float) -> None:
         """Process a received query; the `Answer` enters the outbox now or later."""
@@ -295,7 +319,12 @@ class Kernel(Desk):
             return
         self.speaks[card.instance] = card.speaks
         self._count_elders()
-        if not card.understood(self.protocol):
+        if self.closed and card.speaks < SPOKEN:
+            why = (
+                f"uses protocol {card.speaks}, whose keys all publishers share, and this society"
+                f" has keys: install the version of the others (protocol {self.protocol})"
+            )
+        elif not card.understood(self.protocol):
             why = f"uses protocol {card.speaks}, this agent {m.protocols(self.protocol)}"
         elif differing := differently(card.declares, self._signatures()):
             why = f"declares {differing[0]}, this agent {differing[1]}"
@@ -313,10 +342,13 @@ class Kernel(Desk):
         self._count_elders()
         for bidding in self._bidding.values():
             bidding.gone(instance, now)
+        if any(known.instance == instance for known in self.authors.values()):
+            self.memory.met(now)  # another instance may have waited for its states
         self.agent.on_disappeared(name, instance)
 
     def _count_elders(self) -> None:
-        self.elders = any(m.OLDEST <= each < self.protocol for each in self.speaks.values())
+        older = any(m.OLDEST <= each < self.protocol for each in self.speaks.values())
+        self.elders = older and not self.closed
 
     def router(self, there: bool, now: float) -> None:
         """Process that the robot's router became reachable or unreachable."""
@@ -335,10 +367,41 @@ class Kernel(Desk):
         for bidding in self._bidding.values():
             bidding.wake(now)
         for message in self.memory.due(now):
-            self.publish(message)
+            self._give(message)
         if self.alarm is not None and now >= self.alarm:
             self.alarm = None
             self.agent.on_wakeup()
+
+    def _give(self, message: m.Latched) -> None:
+        """Publish a latched state again: as its own, or as that of its author, which is gone."""
+        if isinstance(message, m.Stop):
+            message = replace(message, epoch=self._epoch)
+        known, service = self.authors.get(what_of(message)), service_of(type(message))
+        author = self.agent.instance if known is None else known.instance
+        if author == self.agent.instance or isinstance(message, m.Stop) or self.protocol < SPOKEN:
+            self.publish(message)
+            return
+        key = service.key_for(instance=author) if author else service.key_in(m.OLDEST)
+        record = known.record if known is not None else None
+        self.publish(record or m.Repeat(key, m.encode(message)))
+        if self.elders:
+            self.outbox.append(Publish(service.key_in(m.OLDEST), message))
+
+    def author(self, message: m.Latched, instance: str, record: m.Repeat | None) -> None:
+        """Note who published a latched state, if that is the one that is stored."""
+        what = what_of(message)
+        if self.memory.newest(*what) != message:
+            return
+        before = self.authors.get(what)
+        if record is None and before is not None and before.instance == instance:
+            record = before.record
+            kept = record is not None and m.decode(record.payload, type(message)) == message
+            record = record if kept else None
+        self.authors[what] = Authored(instance, record)
+
+    @property
+    def _epoch(self) -> int:
+        return 0 if self.cycles.newest is None else self.cycles.newest.epoch
 
     @property
     def wakeup(self) -> float | None:
@@ -399,7 +462,7 @@ class Kernel(Desk):
 
     def _requests(self, to: Subscription) -> bool:
         """Return whether this agent needs a subscription that not every agent has."""
-        common = to.kind is Kind.LATCHED or to.message is m.Description
+        common = to.kind is Kind.LATCHED or to.message in (m.Description, m.Repeat)
         return not common or to.message in (*self.agent.receives, *self.agent.needs)
 
     def _signatures(self) -> list[str]:
@@ -433,7 +496,7 @@ class Kernel(Desk):
     def _accept_state(self, state: m.RobotState) -> bool:
         if not self._advance(self.cycles, state.cycle, _STATE_KEY):
             return False
-        if state.stop != self.memory.newest(m.Stop) and self._note_latched(state.stop):
+        if self.memory.follow(state.stop, self.now):
             self._stop_changed()
         self.acknowledge()
         return True
@@ -447,10 +510,16 @@ class Kernel(Desk):
     def _accept_claim(self, claim: m.Claim) -> bool:
         if claim.ballot.instance in self.foreign:
             return False
-        if (bidding := self._bidding.get(claim.resource)) is not None:
-            bidding.on_claim(claim, self.now)
         if (owning := self._owning.get(claim.resource)) is not None:
             owning.on_claim(claim)
+        may, ballot = self.agent.identity.may_be_critical, claim.ballot
+        critical = claim.critical or ballot.critical
+        if may is not None and critical and not may(ballot.instance, claim.resource):
+            key = self.key_of(m.Claim, resource=claim.resource, instance=ballot.instance)
+            self.outbox.append(Refused(key, Verdict.NOT_CRITICAL))
+            return False
+        if (bidding := self._bidding.get(claim.resource)) is not None:
+            bidding.on_claim(claim, self.now)
         return True
 
     def _accept_command(self, command: m.Command) -> bool:
@@ -483,6 +552,9 @@ class Kernel(Desk):
     def _note_latched(self, message: m.Latched) -> bool:
         """Store a latched state, report an implausible counter; return whether it is new."""
         memory, kind = self.memory, type(message)
+        if isinstance(message, m.Stop) and not message.stopped:
+            # The robot agent judges a release; its state shows the others whether the stop counts.
+            return memory.release(message) if memory.judges else m.Stop in self.agent.receives
         refused = memory.refused
         news = memory.update(message, self.now)
         if memory.refused != refused:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import random
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Final, TypeVar, cast
@@ -39,9 +40,17 @@ DOUBT_S: Final = 1.0
 INSIST_S: Final = 1.0
 
 PRESSES: Final = 16  # stored stops, to distinguish a late one from a new one
+STOP: Final = (Stop, "")
 NO_STOP: Final = Stop()  # the stop in a robot agent's state before the first one
 
 L = TypeVar("L", bound=Latched)
+
+What = tuple[type[Latched], str]
+"""The kind of a state and its topic: one is stored of each."""
+
+
+def what_of(message: Latched) -> What:
+    return type(message), message.topic
 
 
 class _Place(Enum):
@@ -62,149 +71,188 @@ class _Far:
 
 
 class Memory:
-    """All latched states that one process stores."""
+    """All latched states that one process stores.
 
-    def __init__(self, rng: random.Random) -> None:
-        self.refused = 0  # rejected counters
+    Attributes:
+        refused: The number of rejected counters.
+        gives: Whether this process restores a state to others now.
+        judges: Whether it is the robot agent, whose state shows the others the stop.
+    """
+
+    def __init__(self, rng: random.Random, gives: Callable[[What], bool] = lambda _: True) -> None:
+        self.refused = 0
+        self.gives = gives
+        self.judges = False
         self._rng = rng
-        self._known: dict[type[Latched], Latched] = {}
-        self._restore_at: dict[type[Latched], float] = {}
+        self._known: dict[What, Latched] = {}
+        self._restore_at: dict[What, float] = {}
         self._again: deque[float] = deque()  # when all states are restored again, s
-        self._doubt: dict[type[Latched], float] = {}  # until when the known state is in doubt, s
-        self._far: dict[type[Latched], _Far] = {}
+        self._doubt: dict[What, float] = {}  # until when the known state is in doubt, s
+        self._far: dict[What, _Far] = {}
         self._presses: deque[int] = deque(maxlen=PRESSES)
 
-    def newest(self, kind: type[L]) -> L | None:
-        return cast("L | None", self._known.get(kind))
+    def newest(self, kind: type[L], topic: str = "") -> L | None:
+        return cast("L | None", self._known.get((kind, topic)))
 
     def all(self) -> list[Latched]:
         return list(self._known.values())
 
     def update(self, message: Latched, now: float) -> bool:
-        """Process a message received at a time, s; return whether to act upon it."""
+        """Process a message received at a time, s; return whether to act upon it.
+
+        Releases are not for this: see `release` and `follow`.
+        """
         if type(message) is Stop:
             return self._update_stop(message, now)
         if self._place(message, now) is not _Place.NEWS:
-            self._restore(type(message), now)
+            self._restore(what_of(message), now)
             return False
         self._store(message)
         return True
 
     def _update_stop(self, stop: Stop, now: float) -> bool:
-        known = self.newest(Stop)
-        if stop == NO_STOP:
-            if known is not None:
-                self._restore(Stop, now)
-            return False
-        seen = stop.press in self._presses
+        was = self.newest(Stop) or NO_STOP
+        latched = was.stopped and stop.press == was.press
+        seen = self._saw(stop)
         place = self._place(stop, now)
-        was = known or NO_STOP
-        newer = place is _Place.NEWS and (known is None or stop.counter != known.counter)
-        if not seen and (stop.stopped or newer):
-            self._presses.append(stop.press)
-        if place is _Place.NEWS and not stop.stopped and self._pressed_since(stop, was):
-            # Two sides counted separately. A release does not end a stop that was pressed after
-            # the released one.
-            self._known[Stop] = replace(was, counter=next_count(stop.counter))
-            self._restore(Stop, now)
+        if seen and not latched:  # it was released, or another one followed
+            if place is _Place.NEWS and self.judges:  # the others follow the larger counter
+                self._known[STOP] = replace(was, counter=next_count(stop.counter))
+            self._restore(STOP, now)
             return False
         if place is _Place.NEWS:
             self._store(stop)
-            return stop.stopped != was.stopped
-        if seen or not stop.stopped:  # a stop that was released already, or a late release
-            self._restore(Stop, now)
-            return False
-        # A new stop always stops, even if its publisher did not know the current counter: the robot
-        # agent's state then has it. A publisher far beyond may have it stored: answer it.
-        if place is _Place.FAR:
-            self._restore(Stop, now)
-        self._known[Stop] = replace(stop, counter=next_count(was.counter))
+        elif latched:
+            self._restore(STOP, now)
+        else:  # A new stop always stops, even if its publisher did not know the current counter.
+            self._known[STOP] = replace(stop, counter=next_count(was.counter), epoch=0)
+            if place is _Place.FAR:  # the publisher may have it stored: answer it
+                self._restore(STOP, now)
         return not was.stopped
 
-    def _pressed_since(self, release: Stop, known: Stop) -> bool:
-        """Return whether the known stop was first received after the released one."""
-        presses = [each for each in self._presses if each in (release.press, known.press)]
-        return known.stopped and presses == [release.press, known.press]
+    def release(self, stop: Stop) -> bool:
+        """End the stop that a release names, in the robot agent; return whether it was latched.
+
+        The counter of a release is not compared: a press is drawn at random and released once, so
+        neither a forged nor an old release ends a later stop.
+        """
+        was = self.newest(Stop)
+        if was is None or not was.stopped or was.press != stop.press:
+            return False
+        self._store(replace(stop, counter=next_count(was.counter)))
+        return True
+
+    def follow(self, stop: Stop, now: float) -> bool:
+        """Process the stop in the robot agent's state; return whether to act upon it.
+
+        That decides whether the robot is stopped. A stop that the robot agent does not know yet, or
+        has lost by a restart, is given to it instead.
+        """
+        was = self.newest(Stop) or NO_STOP
+        if stop == was:
+            return False
+        ours = was.stopped and stop.press != was.press
+        if ours and not counts_beyond(stop.counter, was.counter):
+            self._restore(STOP, now)
+            return False
+        if stop == NO_STOP:
+            return False
+        self._saw(stop)
+        self._store(stop)
+        return stop.stopped != was.stopped
+
+    def _saw(self, stop: Stop) -> bool:
+        """Note the press of a stop; return whether it was known."""
+        seen = stop.press in self._presses
+        if not seen:
+            self._presses.append(stop.press)
+        return seen
 
     def _place(self, message: Latched, now: float) -> _Place:
         """Return how a message compares with the known state."""
-        kind, (counter, rank) = type(message), message.order
-        known = self._known.get(kind)
+        what, (counter, rank) = what_of(message), message.order
+        known = self._known.get(what)
         if known is None:
-            self._note_doubt(kind, counter, now)
+            self._note_doubt(what, counter, now)
             return _Place.NEWS
         at, other = known.order
         ahead = (counter - at) % COUNTS
         if ahead <= JUMP or ahead >= COUNTS - JUMP:
-            self._doubt.pop(kind, None)  # another message confirms the magnitude
+            self._doubt.pop(what, None)  # another message confirms the magnitude
             if counts_beyond(counter, at) or (counter == at and rank >= other):
                 return _Place.NEWS
             return _Place.OLD
-        releases = isinstance(known, Stop) and known.stopped and rank == 0
-        if now < self._doubt.get(kind, now) and not releases:
-            self._doubt.pop(kind)
-            self._note_doubt(kind, counter, now)
+        if now < self._doubt.get(what, now):
+            self._doubt.pop(what)
+            self._note_doubt(what, counter, now)
             return _Place.NEWS
-        if counter > at and self._insists(kind, counter, now):
+        if counter > at and self._insists(what, counter, now):
             return _Place.NEWS
         if counter < at:
             return _Place.OLD
         self.refused += 1
         return _Place.FAR
 
-    def _note_doubt(self, kind: type[Latched], counter: int, now: float) -> None:
+    def _note_doubt(self, what: What, counter: int, now: float) -> None:
         if counter > JUMP:  # not reached by counting
-            self._doubt[kind] = now + DOUBT_S
+            self._doubt[what] = now + DOUBT_S
 
-    def _insists(self, kind: type[Latched], counter: int, now: float) -> bool:
+    def _insists(self, what: What, counter: int, now: float) -> bool:
         """Return whether a far counter is received again after it was answered."""
-        far = self._far.get(kind)
+        far = self._far.get(what)
         if far is None or now - far.at > INSIST_S or abs(counter - far.counter) > JUMP:
-            self._far[kind] = _Far(counter, now)
+            self._far[what] = _Far(counter, now)
             return False
         if far.answered:
-            del self._far[kind]
+            del self._far[what]
         return far.answered
 
     def _store(self, message: Latched) -> None:
-        kind = type(message)
-        self._known[kind] = message
-        self._note_published(kind)
+        if isinstance(message, Stop) and message.epoch:  # it dates the message, not the state
+            message = replace(message, epoch=0)
+        what = what_of(message)
+        self._known[what] = message
+        self._note_published(what)
 
-    def _note_published(self, kind: type[Latched]) -> None:
+    def _note_published(self, what: What) -> None:
         """Note that the known state was published, by this or another process."""
-        self._restore_at.pop(kind, None)
-        if (far := self._far.get(kind)) is not None:
+        self._restore_at.pop(what, None)
+        if (far := self._far.get(what)) is not None:
             far.answered = True
 
     def note(self, message: Latched) -> None:
         """Store a state that this process publishes."""
         self._store(message)
-        self._doubt.pop(type(message), None)
-        if isinstance(message, Stop) and message.press not in self._presses:
-            self._presses.append(message.press)
+        self._doubt.pop(what_of(message), None)
+        if isinstance(message, Stop):
+            self._saw(message)
 
     def met(self, now: float) -> None:
         """Restore all states, because another agent appeared at this time, s."""
-        for kind in self._known:
-            self._restore(kind, now)
+        for what in self._known:
+            self._restore(what, now)
         if self._known:
             self._again = deque(now + later for later in AGAIN_S)
 
-    def _restore(self, kind: type[Latched], now: float) -> None:
-        at = max(now, self._doubt.get(kind, now))
-        self._restore_at.setdefault(kind, at + self._rng.uniform(0.0, RESTORE_S))
+    def _restore(self, what: What, now: float) -> None:
+        known = self._known[what]
+        if isinstance(known, Stop) and not known.stopped:
+            return  # a release is given out by the robot agent's state alone
+        if not self.gives(what):
+            return
+        at = max(now, self._doubt.get(what, now))
+        self._restore_at.setdefault(what, at + self._rng.uniform(0.0, RESTORE_S))
 
     def due(self, now: float) -> list[Latched]:
         """Return the states to publish now, each once."""
         while self._again and self._again[0] <= now:
             self._again.popleft()
-            for kind in self._known:
-                self._restore(kind, now)
-        kinds = [kind for kind, at in self._restore_at.items() if at <= now]
-        for kind in kinds:
-            self._note_published(kind)
-        return [self._known[kind] for kind in kinds]
+            for what in self._known:
+                self._restore(what, now)
+        due = [what for what, at in self._restore_at.items() if at <= now]
+        for what in due:
+            self._note_published(what)
+        return [self._known[what] for what in due]
 
     @property
     def wakeup(self) -> float | None:

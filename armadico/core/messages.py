@@ -8,6 +8,7 @@ finite or out of range, and other shapes; receivers need not check again.
 
 from __future__ import annotations
 
+import re
 from enum import StrEnum
 from typing import Annotated, Any, ClassVar, Final, NoReturn, TypeVar
 
@@ -289,6 +290,11 @@ class Latched(Message, frozen=True):
         """(counter, rank): the newer state is greater."""
         raise NotImplementedError
 
+    @property
+    def topic(self) -> str:
+        """What it is about, of several states of this kind: one is stored of each."""
+        return ""
+
 
 def next_count(counter: int) -> int:
     """Return the next counter of a latched state."""
@@ -305,16 +311,20 @@ _SPELT: Final = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"  # Crockford's digits: none a
 
 
 class Stop(Latched, frozen=True):
-    """The latch that stops the robot. A stop always latches; a release needs a larger counter.
+    """The latch that stops the robot. A new stop always latches; a release names its press.
 
     `press` is drawn at random for each stop; a release has that of the stop that it releases. This
-    distinguishes a late or restored stop from a new one.
+    distinguishes a late or restored stop from a new one. `epoch` is that of the robot's cycles, as
+    its publisher knows it, so that a stop from an old recording does not count.
     """
 
     counter: Counter = 0
     stopped: bool = False
     by: Label = ""
     press: Bits64 = 0
+    epoch: Bits64 = 0  # 0: not known
+
+    appended: ClassVar[int] = 1
 
     @property
     def order(self) -> tuple[int, int]:
@@ -348,8 +358,8 @@ class AgentSetting(Message, frozen=True):
 class Tuning(Latched, frozen=True):
     """All settings made while agents ran, restored to agents that restart.
 
-    A setting is the agent's, not the instance's: all its instances apply it. Each agent is
-    responsible for its own settings, and publishes again those that another publisher left out.
+    A setting is the agent's, not the instance's: all its instances apply it. Each agent publishes
+    its own settings alone; in protocol 2 one message has those of all agents.
     """
 
     counter: Counter
@@ -359,6 +369,37 @@ class Tuning(Latched, frozen=True):
     @property
     def order(self) -> tuple[int, int]:
         return self.counter, self.by
+
+    @property
+    def topic(self) -> str:
+        """The agent; empty if it has settings of several."""
+        agents = {each.agent for each in self.settings}
+        return agents.pop() if len(agents) == 1 else ""
+
+
+class Repeat(Message, frozen=True):
+    """A latched state of an agent that is gone, repeated by another one as it was published.
+
+    With keys its author publishes it, too, so that others have the signature. They cannot sign
+    themselves what another agent has published.
+    """
+
+    key: Text  # that its author published it on
+    payload: Encoded
+    author: Text = ""  # the agents of the author's process, joined by `+`
+    until: Counter = 0  # it counts up to then, s since 1970; 0: it is not signed
+    signature: Annotated[bytes, Meta(max_length=4096)] = b""
+
+    @property
+    def publisher(self) -> str:
+        """The instance that published it; "" if its key does not name one."""
+        last = self.key.rpartition("/")[2]
+        return last if re.search("-[0-9a-f]+$", last) else ""
+
+    @property
+    def signed(self) -> bytes:
+        """What its author signs, besides the namespace."""
+        return cbor2.dumps([self.key, self.payload, self.author, self.until])
 
 
 # The robot ----------------------------------------------------------------------------------------

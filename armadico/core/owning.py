@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Final
 
 from armadico.core import messages as m
@@ -33,7 +34,9 @@ class Owning:
         if period is not None:
             self.counter = CycleCounter(desk.agent.rng.getrandbits(63), period)
             clock = CycleClock(period)
-        self.owner = Owner(resource, clock)
+        may = desk.agent.identity.may_be_critical
+        bids = None if may is None else partial(_bids, may, resource.name)
+        self.owner = Owner(resource, clock, bids)
         self._due: float | None = None  # when the counter's next cycle begins, s
         self._reported_at = float("-inf")
 
@@ -109,3 +112,7 @@ class Owning:
         """When `wake` is due, s; None: not at all."""
         due, silent_at = self._due, self.owner.silent_at
         return due if silent_at is None or (due is not None and due < silent_at) else silent_at
+
+
+def _bids(may: Callable[[str, str], bool], resource: str, instance: str) -> bool:
+    return may(instance, resource)

@@ -70,9 +70,13 @@ class Service:
     """Combines the messages of several publishers into one, which agents receive."""
     sender: str = ""
     """The field of the message that names its publisher, as the last part of its key does."""
+    people: bool = False
+    """Only programs of people publish it, and no agent may (`by_people`)."""
     since: int = m.OLDEST
     """The protocol from which the last part of the key names the publisher. In older ones all
     publishers share the key without that part."""
+    guests: bool = False
+    """Whether programs that act for a person publish it, too."""
 
     @property
     def pattern(self) -> str:
@@ -94,14 +98,6 @@ class Service:
     def heard(self) -> str:
         """The key expression that matches every publisher's key in all understood protocols."""
         return self.heard_in(m.PROTOCOL)
-
-    def keys_of(self, message: m.Message, guest: str) -> list[str]:
-        """Return the keys on which a program that is no agent publishes a message.
-
-        It does not know which protocols the agents use, so it publishes in all.
-        """
-        key = self.key_for(instance=self.sender_of(message) or guest)
-        return [key] if self.since == m.OLDEST else [key, parent(key)]
 
     def sender_of(self, message: m.Message) -> str:
         """Return the publisher that a message names; "" if it names none."""
@@ -141,18 +137,32 @@ def _spoken(
     rate_hz: float | None = None,
     fresh_cycles: int | None = None,
     sender: str = "",
+    *,
+    guests: bool = False,
 ) -> Service:
     """Return a row of several publishers, each with its own last part of the key."""
     whole = f"{key}/{{instance}}"
     return Service(
-        message, whole, kind, rate_hz, fresh_cycles, meaning, sender=sender, since=SPOKEN
+        *(message, whole, kind, rate_hz, fresh_cycles, meaning),
+        sender=sender,
+        since=SPOKEN,
+        guests=guests,
     )
 
 
 _rows: list[Service] = [
     Service(m.RobotState, "robot/state", _S, 10, 3, "odometry, speeds, battery; moves the cycle"),
     Service(m.Description, "robot/description", _S, 1, None, "the robot's body and limits"),
-    _spoken(m.Stop, "robot/stop", _L, "latch or release the stop; any process may"),
+    Service(
+        m.Stop,
+        "robot/release/{instance}",
+        _E,
+        None,
+        None,
+        "release the stop, if its press is this one",
+        people=True,
+    ),
+    _spoken(m.Stop, "robot/stop", _L, "stop the robot; any process may", guests=True),
     _spoken(
         m.Claim, "resource/{resource}/utility", _E, "the holder's bid", 10, 3, "ballot.instance"
     ),
@@ -187,7 +197,10 @@ _rows: list[Service] = [
         reply=m.ParametersReply,
     ),
     Service(m.ParameterChange, "agent/{name}/{instance}/changed", _E, None, None, "a changed one"),
-    _spoken(m.Tuning, "tuning", _L, "all parameters that were changed live"),
+    _spoken(m.Tuning, "tuning", _L, "an agent's parameters that were changed live"),
+    Service(
+        m.Repeat, "repeat/{instance}", _E, None, None, "a latched state of an agent that is gone"
+    ),
     Service(
         m.MonitorReport,
         "monitor/{instance}",
@@ -222,6 +235,8 @@ _by_message: dict[type[m.Message], Service] = {
     service.message: service for service in _rows if service.message is not m.Ask
 }
 
+STOP: Final = _by_message[m.Stop]
+RELEASE: Final = next(s for s in _rows if s.people)
 CARD = next(s for s in _rows if s.key.endswith("/card"))
 BIDS = next(s for s in _rows if s.key.endswith("/bids"))
 TOKEN = "agent/{name}/{instance}"  # the key of a live instance's liveliness token
@@ -289,14 +304,20 @@ def event(
     fresh_cycles: int | None = None,
     several: bool = False,
     sender: str = "",
+    guests: bool = False,
 ) -> Service:
     """Add a row of an event.
 
     With `several` publishers each has a key of its own, with its id as the last part; `sender` is
-    the message's field that repeats it, if there is one.
+    the message's field that repeats it, if there is one. `guests`: programs that act for a person
+    publish it, too.
     """
     if several:
-        return register(_spoken(message, key, Kind.EVENT, meaning, rate_hz, fresh_cycles, sender))
+        return register(
+            _spoken(
+                *(message, key, Kind.EVENT, meaning, rate_hz, fresh_cycles, sender), guests=guests
+            )
+        )
     return register(Service(message, key, Kind.EVENT, rate_hz, fresh_cycles, meaning))
 
 
@@ -335,6 +356,29 @@ def derived(kind: type[m.Message]) -> tuple[type[m.Message], ...]:
     return tuple(row.message for row in services() if issubclass(row.message, kind))
 
 
+def keys_of(message: m.Message, guest: str) -> list[str]:
+    """Return the keys on which a program that is no agent publishes a message.
+
+    It does not know which protocols the agents use, so it publishes in all.
+    """
+    service = service_of(type(message))
+    own = RELEASE if type(message) is m.Stop and not message.stopped else service
+    key = own.key_for(instance=service.sender_of(message) or guest)
+    shared = parent(service.key_for(instance=guest)) if service.since > m.OLDEST else ""
+    return [key, shared] if shared else [key]
+
+
+PEOPLE: Final = ("person", "page", "guest")
+
+
+def by_people(publisher: str) -> bool:
+    """Return whether the id of a publisher is that of a person's program.
+
+    It is `person-<user>-...` or `page-...` with keys, and `guest-...` without.
+    """
+    return publisher.partition("-")[0] in PEOPLE
+
+
 def rows_of(message: type[m.Message]) -> tuple[Service, ...]:
     """Return all rows of a message type; most have one. Raises KeyError if there is none."""
     rows = tuple(service for service in _rows if service.message is message)
@@ -360,7 +404,8 @@ def _row_at(key: str) -> Service | None:
 @cache
 def addressed() -> frozenset[type[m.Message]]:
     """Return the messages whose fields repeat the publisher or the resource of their keys."""
-    return frozenset(row.message for row in services() if row.sender or "{resource}" in row.key)
+    rows = (row for row in services() if row.sender or row.people or "{resource}" in row.key)
+    return frozenset(row.message for row in rows)
 
 
 def latched() -> tuple[Service, ...]:

@@ -1,7 +1,7 @@
 """The parameters of one agent that are changed while it runs.
 
-A change outlives the process: it is part of a latched state (`messages.Tuning`), so that every
-agent stores it and a restarted or second instance adopts it.
+A change outlives the process: it is a latched state (`messages.Tuning`), so that every agent stores
+it and a restarted or second instance adopts it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from armadico.core import messages as m
 from armadico.core.desk import Desk
 from armadico.core.outgoing import WARNING
 
-MOST_SETTINGS: Final = 256  # settings that are replicated, of all agents together
+MOST_SETTINGS: Final = 256  # settings of one agent that are replicated
 RESTORED: Final = "those who remember"  # the `by` of a change restored after a restart
 
 
@@ -71,12 +71,11 @@ class Settings:
             desk.log(f"{name} = {new}, before {old}: changed by {by}")
 
     def _share(self) -> None:
-        """Publish this agent's settings as part of the latched state of all agents."""
+        """Publish this agent's settings as a latched state."""
         desk, agent = self._desk, self._agent
-        known = desk.memory.newest(m.Tuning) or m.Tuning(0, 0)
-        others = [each for each in known.settings if each.agent != agent.name]
-        mine = [m.AgentSetting(agent.name, m.Setting(*each)) for each in self._set.items()]
-        if known.settings == (settings := (*others, *mine)):
+        known = desk.memory.newest(m.Tuning, agent.name) or m.Tuning(0, 0)
+        mine = tuple(m.AgentSetting(agent.name, m.Setting(*each)) for each in self._set.items())
+        if known.settings == mine:
             return
         by = agent.rng.getrandbits(63)
-        desk.publish(m.Tuning(m.next_count(known.counter), by, settings[-MOST_SETTINGS:]))
+        desk.publish(m.Tuning(m.next_count(known.counter), by, mine[-MOST_SETTINGS:]))

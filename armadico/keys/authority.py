@@ -179,6 +179,12 @@ def public_of(private: bytes) -> bytes:
     return key.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
 
 
+def certificate_key(certificate: bytes) -> bytes:
+    """Return the public key of a certificate, both PEM. Raises KeyFileError."""
+    key = _certificate(certificate).public_key()
+    return key.public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
+
+
 def _certificate(pem: bytes) -> x509.Certificate:
     try:
         return x509.load_pem_x509_certificate(pem)

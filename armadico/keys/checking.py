@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Final
@@ -41,6 +41,25 @@ class Checks:
             yield from self._revoked(identity, listed.get(identity.name))
         if not found:
             yield f"{self._store.folder} has no identity: {self._remedy()}"
+        yield from self._rights(listed)
+
+    def _rights(self, listed: Mapping[str, Member]) -> Iterator[str]:
+        """How the tables of rights differ from the classes, where the list of identities is."""
+        from armadico.keys import derived  # imports all agents
+
+        for namespace in sorted({member.namespace for member in listed.values()}):
+            try:
+                stored = derived.load(self._store, namespace)
+                now = derived.derive(listed.values(), namespace)
+            except ConfigError as error:
+                yield str(error)
+                continue
+            yield from derived.named(self._store, namespace, stored, now)
+            for agent in now.silent:
+                yield (
+                    f"the class of agent {agent} declares nothing, so it may do only what every"
+                    " agent may: add `provides`, `receives` or `competes_for`"
+                )
 
     def _revoked(self, identity: Identity, member: Member | None) -> Iterator[str]:
         """Whether an identity of this computer is void, where the list of identities is."""

@@ -6,18 +6,23 @@ import os
 import tarfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 
 from armadico.core.config_errors import ConfigError
 from armadico.keys.authority import (
+    BEFORE,
     CLIENT_HOURS,
     ROUTER_DAYS,
     KeyFileError,
     Pair,
+    certificate_key,
+    facts,
+    is_issued_by,
     issue,
     public_of,
 )
+from armadico.keys.derived import derive_again, file_of, load, save
 from armadico.keys.store import Identity, Member, Store, check_private
 from armadico.mesh.door import ROBOT
 
@@ -56,7 +61,7 @@ class Issuer:
         """List identities, also those that are issued later, as the router admits listed ones."""
         listed = self.store.members()
         now = {name: _listed(member, listed.get(name)) for name, member in members.items()}
-        self.store.save_members(listed | now)
+        self._list(listed, listed | now)
 
     def give(
         self,
@@ -81,12 +86,22 @@ class Issuer:
         given = tuple(_again(member, listed.get(member.name)) for member in members)
         known = tuple(addresses)
         pairs = [self._issue(member, now, known) for member in given]
-        self.store.save_members(listed | {member.name: member for member in given})
+        self._list(listed, listed | {member.name: member for member in given})
         for member, pair in zip(given, pairs, strict=True):
             into.save(member, pair.certificate, pair.private, self.store.password(member))
         if into.folder != self.store.folder:
             into.copy(self.store, robots=any(map(_server, given)))
+            for namespace in {member.namespace for member in given}:
+                save(into, namespace, load(self.store, namespace))
         return given
+
+    def _list(self, before: Mapping[str, Member], now: Mapping[str, Member]) -> None:
+        """List the members, and derive the rights of namespaces with other agents."""
+        self.store.save_members(now)
+        for namespace in sorted({member.namespace for member in now.values()}):
+            other = _agents(before, namespace) != _agents(now, namespace)
+            if other or not file_of(self.store, namespace).exists():
+                derive_again(self.store, namespace)
 
     def renew(
         self, identities: Iterable[Identity], now: datetime, *, addresses: Iterable[str] = ()
@@ -115,6 +130,26 @@ class Issuer:
             self.store.save(member, pair.certificate, b"", self.store.password(member))
             renewed.append(identity.name)
         return renewed, refused
+
+    def again(self, certificate: bytes, now: datetime) -> bytes:
+        """Return a new certificate, PEM, of the same name and key as a client's present one.
+
+        It lives as long as the present one, which may have expired. Raises ConfigError or
+        KeyFileError if there is none.
+        """
+        about = facts(certificate)
+        if not is_issued_by(certificate, self.pair.certificate):
+            raise ConfigError(f"the certificate of {about.name} is of another authority")
+        member = self.store.members().get(about.name)
+        if member is None:
+            raise ConfigError(f"{about.name} is not in the list of identities")
+        if member.revoked:
+            raise ConfigError(f"{about.name} was revoked {member.revoked}")
+        if _server(member):
+            raise ConfigError(f"{about.name} is the robot's: `armadico keys renew` renews it")
+        hours = (about.ends - about.begins - BEFORE) / timedelta(hours=1)
+        key = certificate_key(certificate)
+        return replace(self, hours=hours)._issue(member, now, (), key).certificate
 
     def revoke(self, names: Iterable[str], now: datetime) -> list[str]:
         """Revoke identities in the list; returns those that were not revoked before."""
@@ -156,6 +191,10 @@ def _listed(member: Member, before: Member | None) -> Member:
 
 def _both(one: Sequence[str], other: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*one, *other)))
+
+
+def _agents(members: Mapping[str, Member], namespace: str) -> dict[str, tuple[str, ...]]:
+    return {name: m.agents for name, m in members.items() if m.namespace == namespace}
 
 
 def _again(member: Member, before: Member | None) -> Member:

@@ -10,6 +10,8 @@ from armadico.config.slots import slot
 from armadico.core.agent import DeviceAgent
 from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import AGENTS, agent_class, installed, owners
+from armadico.core.guest import IDENTITIES, Guest
+from armadico.core.installed import loaded
 from armadico.core.resources import WHEELS, Resource
 from armadico.keys.store import Member
 from armadico.mesh.door import (
@@ -109,10 +111,11 @@ def kind_of(name: str) -> str:
 
 
 def _spare(table: HostTable, name: str) -> Iterator[str]:
-    """The agents that a host may start in place of a failed host, or for driving by hand."""
+    """The agents that a host may start in place of a failed host, or beside a gateway."""
     host, here = table.host(name), installed(AGENTS)
     placed = dict.fromkeys(agent for other in table.hosts.values() for agent in other.agents)
     takes = [agent for agent in placed if host.takes is None or agent in host.takes]
-    for agent in dict.fromkeys((*takes, *slot("by-hand").besides)):
+    beside = [agent for _, guest in loaded(IDENTITIES, Guest) for agent in guest.starts]
+    for agent in dict.fromkeys((*takes, *slot("by-hand").besides, *beside)):
         if agent in here and not issubclass(agent_class(agent), DeviceAgent):
             yield agent

@@ -183,11 +183,11 @@ class Store:
         for folder in (self.folder, found.folder.parent, found.folder):
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         if private:
-            _write(found.private, private)
+            write_private(found.private, private)
         if member.agents:
-            _write(found.folder / AGENTS, "\n".join(member.agents).encode())
-        _write(found.password, password.encode())
-        _write(found.certificate, certificate)
+            write_private(found.folder / AGENTS, "\n".join(member.agents).encode())
+        write_private(found.password, password.encode())
+        write_private(found.certificate, certificate)
         return found
 
     # What the authority's computer and the robot's have ------------------------------------------
@@ -209,7 +209,7 @@ class Store:
 
     def save_members(self, members: Mapping[str, Member]) -> None:
         rows = [asdict(member) for _, member in sorted(members.items())]
-        _write(self.folder / MEMBERS, json.dumps(rows, indent=1).encode())
+        write_private(self.folder / MEMBERS, json.dumps(rows, indent=1).encode())
 
     def password(self, member: Member) -> str:
         """The password of an identity as it was last issued."""
@@ -227,25 +227,20 @@ class Store:
 
         It has all identities of the namespace and the robots beside it, without revoked ones.
         """
-        beside = namespace.rpartition("/")[0]
         lines = [
             f"{member.name}:{self.password(member)}"
             for member in self.members().values()
-            if not member.revoked
-            and (
-                member.namespace == namespace
-                or (member.kind == ROBOT and member.namespace.rpartition("/")[0] == beside)
-            )
+            if not member.revoked and admits(member, namespace)
         ]
         path = self.identity(namespace, ROBOT).users
-        _write(path, "\n".join(lines).encode())
+        write_private(path, "\n".join(lines).encode())
         return path
 
     def copy(self, other: Store, *, robots: bool) -> None:
         """Write what every computer needs, and the robot's; never the authority's key."""
         names = (AUTHORITY, SECRET, MEMBERS) if robots else (AUTHORITY,)
         for name in names:
-            _write(self.folder / name, (other.folder / name).read_bytes())
+            write_private(self.folder / name, (other.folder / name).read_bytes())
 
     def begin(self, certificate: bytes, private: bytes) -> None:
         """Write a new authority and the secret of all passwords."""
@@ -253,10 +248,16 @@ class Store:
 
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         check_private(self.folder)
-        _write(self.authority_key, private)
-        _write(self.folder / SECRET, secrets.token_bytes(32))
-        _write(self.authority, certificate)
+        write_private(self.authority_key, private)
+        write_private(self.folder / SECRET, secrets.token_bytes(32))
+        write_private(self.authority, certificate)
         self.save_members({})
+
+
+def admits(member: Member, namespace: str) -> bool:
+    """Return whether an identity is of a robot's society, or a robot beside it."""
+    beside, its = namespace.rpartition("/")[0], member.namespace
+    return its == namespace or (member.kind == ROBOT and its.rpartition("/")[0] == beside)
 
 
 def _member(row: dict[str, Any]) -> Member:
@@ -288,7 +289,7 @@ def _how(name: str) -> str:
     return f"`armadico keys agent {name.replace('+', ' ')}`"
 
 
-def _write(path: Path, data: bytes) -> None:
+def write_private(path: Path, data: bytes) -> None:
     """Replace a file, which only its user can read from the first byte on."""
     new = path.with_name(f".{path.name}.{os.getpid()}")
     new.unlink(missing_ok=True)
@@ -298,3 +299,12 @@ def _write(path: Path, data: bytes) -> None:
         file.flush()
         os.fsync(file.fileno())
     new.replace(path)
+
+
+def stamp(path: Path) -> tuple[int, int, int] | None:
+    """Return what differs once a file is replaced or written to; None without a file."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_mtime_ns, found.st_size

@@ -14,6 +14,8 @@ from armadico.core.messages import Cycle, RobotState, Stop, counts_beyond, next_
 HELD_S: Final = 1.0  # how long the robot's states must acknowledge a stop, s
 SILENT_S: Final = 0.5  # after this time without a state, the acknowledgement begins again, s
 
+BLIND: Final = 3  # a stop waits for a first state for so many calls of `message`
+
 # Measured speeds (m/s, rad/s) up to which the wheels count as resting. Braking takes time after a
 # stop.
 REST_M_S: Final = 0.02
@@ -52,6 +54,7 @@ class Latching:
         self.refusal = ""
         self._stopped, self._by, self._press, self._code = stopped, by, press, code
         self._release: Stop | None = None
+        self._blind = 0  # calls without a state
         self._cycle: Cycle | None = None
         self._speeds = (0.0, 0.0)  # measured, m/s and rad/s
         self._motors = True  # on
@@ -71,13 +74,24 @@ class Latching:
         self._received_at = now
 
     def message(self) -> Stop | None:
-        """Return the message to publish now, or None."""
+        """Return the message to publish now, or None.
+
+        A stop without the epoch of the robot's cycles always counts, also from an old recording. So
+        it waits for the first state, for a moment.
+        """
         if not self._stopped:
             return self._release
+        if self.known is None and self._blind < BLIND:
+            self._blind += 1
+            return None
         known = self.known or Stop()
         ours = known.stopped and known.press == self._press
         counter = known.counter if ours else next_count(known.counter)
-        return Stop(counter, True, self._by, self._press)
+        return Stop(counter, True, self._by, self._press, self._epoch)
+
+    @property
+    def _epoch(self) -> int:
+        return 0 if self._cycle is None else self._cycle.epoch
 
     @property
     def rolling(self) -> str:
@@ -89,6 +103,8 @@ class Latching:
 
     def _update_stop(self, stop: Stop, now: float) -> None:
         if not stop.stopped:
+            if stop.press == self._press:  # released meanwhile: it stops again, as another one
+                self._press = (self._press + 1) % 2**63
             self._since, self.latched = None, False
         elif self._since is None or now - self._received_at > SILENT_S:
             self._since, self.latched = now, False

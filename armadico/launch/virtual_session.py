@@ -13,7 +13,7 @@ from armadico.mesh.base import Bell, Call, Reader, Receiver
 from armadico.mesh.topology import DEFAULT_NAMESPACE, MeshError
 from armadico.mesh.virtual import VirtualMesh
 from armadico.mesh.virtual_clock import Step
-from armadico.mesh.virtual_place import CLIENT, Place
+from armadico.mesh.virtual_place import CLIENT, Place, guest
 
 
 class VirtualSession(Place):
@@ -24,7 +24,8 @@ class VirtualSession(Place):
     ) -> None:
         """Join; the name identifies its links."""
         super().__init__(mesh, namespace, name)
-        self.guest = name
+        self.guest = guest(name)
+        self.closed = False
         self._reader = Reader()
         self.refused: Counter[str] = self._reader.refused
         self._listeners: list[tuple[str, Step, object]] = []

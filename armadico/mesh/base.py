@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Final, Protocol, TypeVar
 
 from armadico.core.messages import Message, MessageError, decode, line
-from armadico.core.services import service_of
+from armadico.core.services import keys_of
 
 logger = logging.getLogger("armadico.mesh")
 
@@ -60,6 +60,9 @@ class Mesh(Time, Protocol):
     namespace: str
     guest: str
     """The id of a program that publishes here and is no agent: the last part of shared keys."""
+
+    closed: bool
+    """Whether only processes with an identity join. Then none has an older protocol."""
 
     refused: Counter[str]
     """Payloads that were no message or were published by a wildcard, counted by key."""
@@ -129,7 +132,8 @@ def publish(mesh: Mesh, message: Message) -> None:
 
     Raises MessageError if it could not be decoded.
     """
-    for key in service_of(type(message)).keys_of(message, mesh.guest):
+    own, *older = keys_of(message, mesh.guest)
+    for key in (own,) if mesh.closed else (own, *older):
         mesh.publish(key, message)
 
 

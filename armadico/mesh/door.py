@@ -52,6 +52,15 @@ class Door(NamedTuple):
         sign: Returns a signature of data by this identity, of some hundred bytes.
         verify: Whether an identity, without its namespace, has signed data.
         keep: Called with the open mesh; returns what is called before it closes.
+        forbidden: Why the robot's router drops a kind of Zenoh message on a key of the namespace;
+            "" if it does not.
+        doubts: How the rights of processes, each the names of its agents, differ from what the
+            agents' classes declare, a sentence each.
+        may_be_critical: Whether an instance's bids for a resource may be critical
+            (`armadico.core.individual.Identity`).
+        ending: Returns the certificates that soon end a link, and in how many seconds: on the
+            robot's computer those of all links from other ones, elsewhere those of the computer.
+            It reads files.
     """
 
     name: str
@@ -61,11 +70,15 @@ class Door(NamedTuple):
     sign: Callable[[bytes], bytes] = lambda _: b""
     verify: Callable[[str, bytes, bytes], bool] = lambda *_: False
     keep: Callable[[Any], Callable[[], None]] | None = None
+    may_be_critical: Callable[[str, str], bool] | None = None
+    ending: Callable[[], Mapping[str, float]] = dict
+    doubts: Callable[[Sequence[Sequence[str]]], Sequence[str]] = lambda _: ()
+    forbidden: Callable[[str, str], str] = lambda *_: ""
 
     def as_client(self) -> Door:
         """Return the same identity without what only a router has."""
         own = {k: v for k, v in self.settings.items() if k not in ROUTERS}
-        return self._replace(settings=own, keep=None)
+        return self._replace(settings=own, keep=None, forbidden=lambda *_: "")
 
 
 def name_of(agents: Sequence[str]) -> str:

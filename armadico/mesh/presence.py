@@ -92,13 +92,25 @@ class Presence:
             return
         self.reachable = up
         if not up:
-            self._there.clear()
-            self._count.clear()
-            self._waiting.clear()
-            self._room_at = inf
+            self._forget()
         self._inquired = False
         self._poll_at = now + GRACE_S if up and self.reported else inf
         self._router_changed(up)
+
+    def begin_again(self, now: float) -> None:
+        """Process that this process's own router opens its session anew, which loses all links.
+
+        The agents that do not return within `GRACE_S` are reported as gone.
+        """
+        self._forget()
+        self._poll_at = now + GRACE_S if self.reported else inf
+
+    def _forget(self) -> None:
+        """Forget all tokens, which arrive again with the next links."""
+        self._there.clear()
+        self._count.clear()
+        self._waiting.clear()
+        self._room_at = inf
 
     def inquire(self, now: float) -> None:
         """Process the claim that the router is ending, once per link.

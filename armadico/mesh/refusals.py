@@ -10,7 +10,7 @@ from armadico.mesh.topology import Topology
 
 AGAIN_S: Final = 0.1  # how often a client checks whether its router is there, s
 PROBE_S: Final = 1.0  # timeout of finding out whether a port is closed
-LATER_S: Final = 2.0  # the longest pause after refusals, s: each one delays the router's listener
+LATER_S: Final = 1.0  # the longest pause after refusals, s: each attempt costs a handshake
 
 
 class Refusals:
@@ -32,12 +32,15 @@ class Refusals:
             return answers(endpoint, within)
         from armadico.mesh.handshake import refusal  # slow, and seldom needed
 
-        # Only after a failure, as a router's objection takes a while.
-        why = refusal(endpoint, door, within, waits=endpoint in self._why)
+        # A router's objection takes a while. Of several routers those of other robots object.
+        waits = endpoint in self._why or len(self._where.connect) > 1
+        why = refusal(endpoint, door, within, waits=waits)
         if why is None:
             self._why.pop(endpoint, None)
         elif why:
             self.failed(endpoint, why)
+        elif endpoint in self._why:  # what it objected to before is over
+            self._why[endpoint] = ""
         return why == ""
 
     def failed(self, endpoint: str, why: str = "") -> None:

@@ -38,6 +38,9 @@ HELD: Final = ".guard-stop"
 KEYS: Final = ".keys"
 """Suffix of the file with the folder of keys of a robot's router, beside its socket."""
 
+REOPENS: Final = 10
+"""How often a router's lock is looked for, `AGAIN_S` apart: it is free while the router reopens."""
+
 LATCHES_S: Final = 0.3
 """How long `stop` waits for the robot agent."""
 
@@ -119,12 +122,14 @@ def keys_here(namespace: str) -> Path | None:
     """
     try:
         path = socket_of(namespace)
-        if not is_held(lock_of(path)):
-            return None  # the file is left over
         text = path.with_suffix(KEYS).read_text(encoding="utf-8")
     except (OSError, TopologyError):
         return None
-    return Path(text)
+    for _ in range(REOPENS):
+        if is_held(lock_of(path)):
+            return Path(text)
+        time.sleep(AGAIN_S)
+    return None  # the file is left over
 
 
 def note_keys(namespace: str, folder: str) -> None:

@@ -27,14 +27,14 @@ from collections.abc import Callable, Sequence
 from armadico.core.agent import Agent, Identity
 from armadico.core.messages import PROTOCOL, Message
 from armadico.core.outgoing import SendQuery
-from armadico.core.services import matches, service_of
+from armadico.core.services import keys_of, matches, service_of
 from armadico.mesh.link_faults import WHOLE
 from armadico.mesh.topology import DEFAULT_NAMESPACE, rooted
 from armadico.mesh.virtual_device import Ports
 from armadico.mesh.virtual_liveliness import LIVELINESS, Liveliness
 from armadico.mesh.virtual_network import DELAYS, Clock
 from armadico.mesh.virtual_node import Node
-from armadico.mesh.virtual_place import CLIENT, Device, Network, Place, Route, address
+from armadico.mesh.virtual_place import CLIENT, Device, Network, Place, Route, address, guest
 from armadico.mesh.virtual_queries import Queries, sendable
 from armadico.mesh.virtual_star import Star
 
@@ -152,7 +152,7 @@ class VirtualMesh(Network):
         namespace: str = DEFAULT_NAMESPACE,
     ) -> None:
         """Publish from outside the society, as a command-line tool does."""
-        for each in [key] if key else service_of(type(message)).keys_of(message, sender):
+        for each in [key] if key else keys_of(message, guest(sender)):
             self.spread(address(namespace, sender), each, message, None, namespace)
 
     def publish_bytes(self, data: bytes, key: str, sender: str = CLIENT) -> None:

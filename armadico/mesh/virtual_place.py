@@ -23,6 +23,11 @@ def address(namespace: str, name: str) -> str:
     return name if namespace == DEFAULT_NAMESPACE else f"{namespace}/{name}"
 
 
+def guest(name: str) -> str:
+    """Return the id under which a client publishes."""
+    return f"guest-{name}"
+
+
 class Device(Protocol):
     """A device in memory behind a device agent's port: bytes and the time in, bytes out."""
 

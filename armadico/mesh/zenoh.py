@@ -49,11 +49,15 @@ from armadico.mesh.topology import MeshError, Topology, rooted, topology
 logger = logging.getLogger("armadico.mesh")
 
 CLOSE_S: Final = 1.0  # timeout of closing a session, which may block for 10 s
+AGAIN_S: Final = 0.1  # between two attempts of a router to listen, s
+QUICK: Final = 10  # so many first checks for a router on this computer
+QUICK_S: Final = 0.02  # are at this period, s: one that reopens is back within 0.03 s
 WARN_S: Final = 1.5  # after how long without a router a client logs that it waits, s
 PROBE_S: Final = 1.0  # timeout of connecting to a router on another computer
 TRY_S: Final = 1.0  # how long opening waits for a router, if there is one
 ANSWER_S: Final = 0.5  # timeout of querying whether an endpoint leads to the robot's router
 PEERS_S: Final = 1.0  # how often a router checks for robots that share keys on this computer, s
+NOTED: Final = 1000  # kinds of messages and keys whose rights are checked once
 PASSED_ON: Final = b"shared"  # marks another robot's publication, which is not passed on again
 ROUTER: Final = "router/{id}"  # the liveliness token of a robot's router
 
@@ -153,11 +157,16 @@ class ZenohMesh(Reader, Monotonic):
         """
         super().__init__()
         self.namespace = namespace
-        self.guest = f"guest-{random.SystemRandom().getrandbits(64):016x}"
+        self.closed = where.door is not None
+        # Its identity may publish as such a guest alone: by the last part of keys.
+        own = "guest" if where.door is None else where.door.name.rpartition("/")[2]
+        self.guest = f"{own}-{random.SystemRandom().getrandbits(64):016x}"
         self.router = ""  # the id of the router that it is linked to, or is; else empty
+        self.joined_at = ""  # the endpoint of the router that it was last linked to
         self._level = logging.INFO if starts else logging.WARNING
         self._where = where
         self._lock = threading.RLock()
+        self._reopening = threading.Lock()
         self._session: zenoh.Session | None = None
         self._declarations: list[Declare] = []  # to be made in each session
         self._opened = False
@@ -169,10 +178,12 @@ class ZenohMesh(Reader, Monotonic):
         self._seeking: threading.Thread | None = None
         self._closing: threading.Thread | None = None  # closes a session whose link is lost
         self._declared = Declared()
+        self._noted: set[tuple[str, str]] = set()  # checked by the door
         self._watchers = Watchers()
         notify = self._watchers.notify_agent, self._watchers.notify_router
         self._presence = Presence(*notify, reachable=where.router)
         self._peers: PeerLinks | None = None
+        self._stop_keeping: Callable[[], None] | None = None  # the door
         self._timer: threading.Timer | None = None
 
     def __enter__(self) -> ZenohMesh:
@@ -188,6 +199,11 @@ class ZenohMesh(Reader, Monotonic):
         self.close()
 
     # Joining and leaving -------------------------------------------------------------------------
+
+    @property
+    def door(self) -> Door | None:
+        """The identity by which it joins; None: the society is open."""
+        return self._where.door
 
     @property
     def hung(self) -> str:
@@ -225,12 +241,23 @@ class ZenohMesh(Reader, Monotonic):
         atexit.register(self._end)
         if self._where.router:
             self._listen()
+            try:
+                self._keep_door()
+            except MeshError:
+                self.close()
+                raise
             return
+        self._keep_door()
         self._opened = True
         if self._where.socket:
             self._socket()  # raises its errors here, not in the thread
         self._start_seeking()
         self._tried.wait(TRY_S)  # limited, as a hanging router accepts a connection and no more
+
+    @property
+    def where(self) -> Topology:
+        """How it joins, at present."""
+        return self._where
 
     def wait_joined(self, timeout: float) -> bool:
         return self._joined.wait(timeout)
@@ -243,20 +270,74 @@ class ZenohMesh(Reader, Monotonic):
         path = self._socket()
         if path.is_dir():
             raise MeshError(f"{path} is a folder, and the socket would be there: remove it")
-        listen = (sockets.endpoint(path), *self._where.listen)
+        listen = self._endpoints(self._where)
         try:
-            session = zenoh.open(self._config(listen, ()))
+            session = zenoh.open(self._config(self._where, listen))
         except zenoh.ZError as error:
             if (there := sockets.holder(path)) is not None:
                 raise MeshError(
                     f"process {there.pid} is the router of the namespace {self.namespace!r}"
                     f" already ({path}): `armadico down` ends it, --namespace names another"
                 ) from None
-            raise MeshError(f"cannot listen on {', '.join(listen)}: {_reason(error)}") from None
+            raise MeshError(f"cannot listen on {', '.join(listen)}: {reason(error)}") from None
         door = self._where.door
         sockets.note_keys(self.namespace, "" if door is None else door.folder)
         self._begin(session)
         self._peers = PeerLinks(self, self._where.peers, self._where.door)
+
+    def _endpoints(self, where: Topology) -> tuple[str, ...]:
+        """The endpoints of a router's session. Its door listens on those over TLS."""
+        own = [end for end in where.listen if where.door is None or not end.startswith("tls/")]
+        return (sockets.endpoint(self._socket()), *own)
+
+    def _keep_door(self) -> None:
+        door = self._where.door
+        if door is not None and door.keep is not None:
+            self._stop_keeping = door.keep(self)
+
+    def reopen(self, where: Topology) -> None:
+        """Replace a router's session by one with other settings, within this process.
+
+        Zenoh reads rights, users and certificates only when a session opens. All clients lose their
+        links and join the new session; what is published in between is lost.
+
+        Raises:
+            MeshError: The new settings cannot be used. The session continues, or was opened again
+                with the old ones.
+        """
+        assert self._where.router, "a client joins anew by itself"
+        listen = self._endpoints(where)
+        with self._reopening:
+            try:
+                config = self._config(where, listen)
+            except zenoh.ZError as error:
+                raise MeshError(f"these settings cannot be used: {reason(error)}") from None
+            with self._lock:
+                session, self._session = self._open, None
+                # The clients keep what they know of each other until they are linked again.
+                self._declared.tokens[ROUTER.format(id=self.router)].undeclare()  # type: ignore[no-untyped-call]
+                ending = self._ending(session)
+                self._presence.begin_again(self.now())
+                self._wait_for_due()
+            ending()
+            try:
+                new = zenoh.open(config)
+            except zenoh.ZError as error:
+                self._begin(self._opened_again())
+                raise MeshError(f"these settings cannot be used: {reason(error)}") from None
+            self._where = where
+            self._begin(new)
+
+    def _opened_again(self) -> zenoh.Session:
+        """Return a session of the router with its present settings, which worked before."""
+        listen = self._endpoints(self._where)
+        while True:
+            try:
+                return zenoh.open(self._config(self._where, listen))
+            except zenoh.ZError as error:  # a client's port may be the router's for a moment
+                logger.error("the router cannot listen: %s; trying again", reason(error))
+                if self._left.wait(AGAIN_S):
+                    raise MeshError("the mesh has been left") from None
 
     def _start_seeking(self) -> None:
         seeking = threading.Thread(target=self._seek, name="joining", daemon=True)
@@ -268,9 +349,12 @@ class ZenohMesh(Reader, Monotonic):
         warning = threading.Timer(WARN_S, self._log_missing)
         warning.daemon = True
         warning.start()
+        tries = 0
         while not (self._left.is_set() or self._seek_once()):
             self._tried.set()
-            self._left.wait(self._refusals.pause)
+            tries += 1
+            is_quick = self._where.socket and tries <= QUICK
+            self._left.wait(QUICK_S if is_quick else self._refusals.pause)
         self._tried.set()
         warning.cancel()
 
@@ -294,12 +378,12 @@ class ZenohMesh(Reader, Monotonic):
         """Join by the router at an endpoint, `shown` for people; return whether it succeeded."""
         self._joining = shown
         try:
-            session = zenoh.open(self._config((), (there,)))
+            session = zenoh.open(self._config(self._where, connect=(there,)))
         except zenoh.ZError as error:
             logger.debug("%s: %s", there, error)
             self._refusals.failed(there)
             return False
-        self._joining = ""
+        self._joining, self.joined_at = "", there
         self._refusals.joined()
         if len(self._where.connect) > 1 and not self._leads_to_robot(session):
             _close(session)
@@ -364,13 +448,21 @@ class ZenohMesh(Reader, Monotonic):
         """Leave; False if that takes longer than `deadline` (s) and continues in the background."""
         session = self._detach()
         if session is None:
+            self._leave_door()
             return True
         # Closing may block for long and has no timeout. The end of the program waits for it,
         # because a thread that returns to an ended interpreter aborts the process.
         closing = threading.Thread(target=self._ending(session), name="closing")
         closing.start()
         closing.join(deadline)
+        self._leave_door()
         return not closing.is_alive()
+
+    def _leave_door(self) -> None:
+        """Let the door go, after what was published last."""
+        if self._stop_keeping is not None:
+            self._stop_keeping()
+            self._stop_keeping = None
 
     def _detach(self) -> zenoh.Session | None:
         """Return the session to close, without its tokens; None if there is none."""
@@ -400,6 +492,7 @@ class ZenohMesh(Reader, Monotonic):
                 thread.join()
         if session is not None:
             self._ending(session)()
+        self._leave_door()
 
     def _ending(self, session: zenoh.Session) -> Callable[[], None]:
         """Return a function that closes a session and then frees its declarations.
@@ -433,6 +526,7 @@ class ZenohMesh(Reader, Monotonic):
         with self._lock:
             if self._waits:
                 return None
+            self._note_forbidden("put", key)
             # All have the default priority: otherwise a stop and a speed could change order.
             publisher = self._declared.publishers[key] = self._open.declare_publisher(
                 self._rooted(key),
@@ -447,6 +541,7 @@ class ZenohMesh(Reader, Monotonic):
     def subscribe(self, pattern: str, receiver: Receiver, *, passed_on: bool = True) -> None:
         """See `Mesh`; `passed_on`: include publications that other robots share."""
         where, root = self._placed(pattern)
+        self._note_forbidden("declare_subscriber", pattern)
 
         def declare(session: zenoh.Session) -> None:
             def arrived(sample: zenoh.Sample) -> None:
@@ -486,6 +581,7 @@ class ZenohMesh(Reader, Monotonic):
     ) -> None:
         """See `Mesh`; both are called on Zenoh's thread."""
         where, root = self._placed(key)
+        self._note_forbidden("query", key)
 
         def on_reply(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
@@ -508,16 +604,28 @@ class ZenohMesh(Reader, Monotonic):
 
     def answer(self, key: str, receiver: Callable[[Call], None]) -> None:
         where, root = self._placed(key)
+        self._note_forbidden("declare_queryable", key)
 
         def on_query(query: zenoh.Query) -> None:
             receiver(Call(query, self.namespace, str(query.key_expr)[root:]))
 
         self._declare(lambda s: self._keep(s.declare_queryable(where, _direct(on_query))))
 
+    def _note_forbidden(self, does: str, key: str) -> None:
+        """Log once that the router drops a kind of message: nothing else tells its sender."""
+        door = self._where.door
+        if door is None or self._where.router or (does, key) in self._noted:
+            return
+        if len(self._noted) < NOTED:
+            self._noted.add((does, key))
+        if why := door.forbidden(does, key):
+            logger.warning("%s", why)
+
     # Liveliness ----------------------------------------------------------------------------------
 
     def declare_alive(self, name: str, instance: str) -> None:
         key = TOKEN.format(name=name, instance=instance)
+        self._note_forbidden("liveliness_token", key)
 
         def declare(session: zenoh.Session) -> None:
             self._declared.tokens[key] = session.liveliness().declare_token(self._rooted(key))
@@ -550,8 +658,9 @@ class ZenohMesh(Reader, Monotonic):
         self, session: zenoh.Session, where: str, root: int, then: Callable[[list[str], bool], None]
     ) -> None:
         def arrived(sample: zenoh.Sample) -> None:
-            chunks = str(sample.key_expr)[root:].split("/")
-            if "*" not in chunks:
+            key = str(sample.key_expr)
+            chunks = key[root:].split("/")
+            if "*" not in key:  # rights to a pattern are rights to declare the pattern
                 with self._lock:
                     if self._session is session:
                         then(chunks[1:], sample.kind == zenoh.SampleKind.PUT)
@@ -632,14 +741,17 @@ class ZenohMesh(Reader, Monotonic):
     def _keep(self, declaration: object) -> None:
         self._declared.kept.append(declaration)
 
-    def _config(self, listen: tuple[str, ...], connect: tuple[str, ...]) -> zenoh.Config:
+    @staticmethod
+    def _config(
+        where: Topology, listen: tuple[str, ...] = (), connect: tuple[str, ...] = ()
+    ) -> zenoh.Config:
         config = zenoh.Config()
         own: dict[str, object] = {
-            "mode": "router" if self._where.router else "client",
+            "mode": "router" if where.router else "client",
             "listen/endpoints": list(listen),
             "connect/endpoints": list(connect),
         }
-        door = self._where.door
+        door = where.door
         for key, value in (SETTINGS | own | dict(door.settings if door else {})).items():
             config.insert_json5(key, json.dumps(value))
         return config
@@ -696,8 +808,12 @@ class PeerLinks:
         where = topology(connect=endpoint, door=self._door)
         link = ZenohMesh(self._mesh.namespace, where, starts=True)
 
+        own = self._mesh.namespace.rpartition("/")[2]
+
         def arrived(key: str, data: bytes) -> None:
-            if self._is_needed(link):
+            if key.split("/")[1] == own:
+                self._mesh.refuse(key, "another robot published it as this one")
+            elif self._is_needed(link):
                 self._mesh.pass_on(key, data)
 
         for first in shared():
@@ -735,7 +851,7 @@ REASONS: Final = {
 }
 
 
-def _reason(error: Exception) -> str:
+def reason(error: Exception) -> str:
     text = str(error)
     for system, words in REASONS.items():
         if system in text.lower():

@@ -19,7 +19,7 @@ from armadico.mobile.messages import ByHand, Leading, Pose, Trajectory
 from armadico.mobile.motion import Body, Speeds, ordered
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.route import Route
-from armadico.mobile.safety import Limited, Scene, limit
+from armadico.mobile.safety import Scene, limit
 from armadico.mobile.sight import in_sight
 
 MARGINS = Safety()  # the default of behaviours without their own margins
@@ -126,10 +126,10 @@ class Behaviour(Agent, hooks=("propose",)):
 
     def limited(self, v: float, w: float, obstacles: Obstacles, safety: Safety = MARGINS) -> Speeds:
         """Return wanted speeds (m/s, rad/s), limited by obstacles and the pose's uncertainty."""
-        return self.limited_in(self.scene(obstacles), v, w, safety)[:2]
+        return self.limited_in(self.scene(obstacles), v, w, safety)
 
-    def limited_in(self, scene: Scene, v: float, w: float, safety: Safety = MARGINS) -> Limited:
-        """Do the same for a given scene; the result has the free path of the wanted speeds."""
+    def limited_in(self, scene: Scene, v: float, w: float, safety: Safety = MARGINS) -> Speeds:
+        """Do the same for a given scene."""
         # The uncertainty is a limit, not a factor. A behaviour ramps up from its last command, so a
         # factor would apply again in each cycle until the robot stands.
         if (sure := self.pose_confidence) < 1.0:

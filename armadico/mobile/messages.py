@@ -600,7 +600,13 @@ state(Sonar, "robot/sonar", 10, 3, "the sonars that fired since the previous cyc
 state(Scan, "robot/scan", 10, 3, "the laser's newest scan")
 state(Pose, "encoder/pose", 10, 3, "the robot's pose, by its encoders")
 latch(Origin, "encoder/origin", "the odometry's origin in the world", rate_hz=1)
-event(InitialPose, "encoder/initial", "the robot's pose, set by a person", several=True)
+event(
+    InitialPose,
+    "encoder/initial",
+    "the robot's pose, set by a person",
+    several=True,
+    guests=True,
+)
 state(Correction, "localization/correction", 10, 3, "the odometry's origin, by map and sensors")
 state(Particles, "localization/particles", 2, 3, "possible poses of the robot")
 state(LocalMap, "sonar/map", 2, 3, "the local map's cells, for observers")

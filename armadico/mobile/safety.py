@@ -53,26 +53,17 @@ class Scene(NamedTuple):
         return touches_at(self.body, self.measured, wanted, self.points, margin, waited=waited)
 
 
-class Limited(NamedTuple):
-    v: float
-    w: float
-    free: float  # free length of the wanted arc, m; inf if nothing is on it
-
-
-def limit(v: float, w: float, scene: Scene, safety: Safety) -> Limited:
-    """Return the admissible speeds nearest to the wanted ones (m/s, rad/s), and their free path.
+def limit(v: float, w: float, scene: Scene, safety: Safety) -> Speeds:
+    """Return the admissible speeds nearest to the wanted ones, m/s and rad/s.
 
     Without admissible speeds (`nearest`) the robot brakes.
     """
     body = scene.body
     v, w = _clip(v, body.v_max), _clip(w, body.w_max)
-    free = inf
     if v > 0.0 and safety.unmapped:
         v = min(v, _unmapped(scene))
-    if v > 0.0:
-        free = free_path(scene.points, v, w, body.outline, safety.margin_m)
     found = nearest((v, w), lambda wanted: _admissible(scene, wanted, safety), safety.slow)
-    return Limited(*(found or _too_late(scene, w, safety)), free)
+    return found or _too_late(scene, w, safety)
 
 
 def unhurried(v: float, w: float, scene: Scene, safety: Safety) -> float:

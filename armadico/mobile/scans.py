@@ -130,6 +130,11 @@ def packed(ranges: Floats, least: float, most: float) -> bytes:
     return mm.astype("<u2").tobytes()
 
 
+def is_readable(scan: Scan) -> bool:
+    """Return whether a scan's rays go different ways and have two bytes each."""
+    return abs(scan.step) >= FINEST_RAD and len(scan.packed) % 2 == 0
+
+
 def ranges_of(scan: Scan) -> Floats:
     """Return the ranges, m, one per ray: NaN if invalid, inf if nothing is within reach.
 

@@ -64,6 +64,7 @@ class Sort(StrEnum):
     MONITOR = "monitor"
     ACTION = "action"  # the last action of the active monitor, or of a host, with the evidence
     PROMISE = "promise"  # a monitor found that the society did not do what it promises
+    EXPIRY = "expiry"  # a certificate is about to expire, and was not renewed
     OPEN = "open"  # the robot's port is open to every program that reaches it
     MACHINE = "machine"  # this machine: packages, ports, memory, disk
 
@@ -131,6 +132,7 @@ class Demand:
         table: The digest of the host table (`HostTable.digest`); empty: none.
         open: The endpoint of the robot's router, if any program that reaches it may drive; empty:
             none, or not known.
+        ending: Returns the certificates that soon end a link, and in how many seconds.
         installed: Candidates for missing agents. A new observer has no cards of agents that ended
             before it started.
     """
@@ -139,6 +141,7 @@ class Demand:
     table: str = ""
     installed: Installed = lambda _: ()
     open: str = ""
+    ending: Callable[[], Mapping[str, float]] = dict
 
     def host_of(self, agent: str) -> str:
         """The first host that should run an agent; empty if none."""

@@ -10,6 +10,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Final, Never, cast
 
+from armadico.core import guest
 from armadico.core.messages import Message
 from armadico.core.services import service_of
 from armadico.observe.jsons import Json
@@ -132,7 +133,7 @@ class Desk:
         return out
 
 
-class Part:
+class Part(guest.Part):
     """One part of a robot's page; subclasses override methods as needed."""
 
     requests: ClassVar[tuple[type[Asked], ...]] = ()  # the requests that it handles

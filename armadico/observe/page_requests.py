@@ -7,7 +7,7 @@ text, because JavaScript's numbers have 53 bits.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Annotated, Any, Final, Union
+from typing import Annotated, Any, ClassVar, Final, Union
 
 import msgspec
 from msgspec import Meta, Struct
@@ -23,6 +23,9 @@ Turned = Annotated[float, Meta(ge=-7.0, le=7.0)]
 class Asked(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do"):
     """The base of all requests: the browser's number, and the robot's namespace."""
 
+    free: ClassVar[bool] = False
+    """A browser without the page's token may send it, too."""
+
     id: Annotated[int, Meta(ge=0, le=2**53)]
     robot: Name
 
@@ -36,7 +39,9 @@ class Goto(Asked, frozen=True, tag="go"):
 
 
 class Halt(Asked, frozen=True, tag="stop"):
-    """Stop the robot."""
+    """Stop the robot: no token may keep a stop out."""
+
+    free = True
 
 
 class Resume(Asked, frozen=True, tag="resume"):

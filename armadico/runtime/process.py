@@ -41,6 +41,7 @@ from armadico.core.messages import (
     Log,
     Message,
     MessageError,
+    Repeat,
     decode,
     encoded,
 )
@@ -50,11 +51,13 @@ from armadico.core.restart_policy import MISUSED
 from armadico.core.services import Kind, matches
 from armadico.mesh import sockets
 from armadico.mesh.base import Call, Mesh
+from armadico.mesh.door import Door
 from armadico.mesh.topology import MeshError, TopologyError
 from armadico.runtime.blame import failure
 from armadico.runtime.inbox import Inbox
 from armadico.runtime.port import Port
 from armadico.runtime.port_reader import Device
+from armadico.runtime.seals import Seals
 
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
@@ -95,6 +98,7 @@ class AgentHost:
         *,
         admit: bool = True,
         head: Callable[[Agent], bytes] | None = None,
+        door: Door | None = None,
     ) -> None:
         """Prepare.
 
@@ -105,10 +109,13 @@ class AgentHost:
             wall: Returns wall time, s since 1970, shown to people only.
             admit: False: they join without admission.
             head: Returns the head of an agent's journal; None: they keep no journals.
+            door: The identity of this process; None: the society is open.
         """
         self.inbox = Inbox(mesh)
         self.refusal = ""  # why one of them may not join, or stay
         self._mesh = mesh
+        names = [agent.name for agent in agents]
+        self._seals = None if door is None else Seals(door, names, wall)
         self._clock = mesh.now
         self._stopping = threading.Event()
         self._leaving = False
@@ -128,6 +135,7 @@ class AgentHost:
         self._devices: dict[str, Device] = {}
         for driver in self.drivers:
             agent = driver.agent
+            driver.kernel.closed = door is not None
             for to in driver.kernel.subscriptions:
                 self._listeners.setdefault(to.pattern, []).append((to, driver))
             opens = (connect or {}).get(agent.instance)
@@ -344,6 +352,10 @@ class AgentHost:
             if isinstance(item.message, Log):
                 logger.log(item.message.level, "%s", item.message.text)
             self._mesh.publish(item.key, item.message, data)
+            if self._seals is not None:
+                sealed = self._seals.seal(item.key, item.message, data)
+                if sealed is not None:
+                    self._mesh.publish(driver.kernel.key_of(Repeat), sealed)
         elif isinstance(item, Write):
             self._write(driver, item)
         elif isinstance(item, SendQuery):
@@ -406,11 +418,25 @@ class AgentHost:
     ) -> None:
         """Deliver a payload to its subscribers, decoded once if there are several."""
         payload: bytes | Message = data
+        if self._seals is not None and listeners[0][0].message is Repeat:
+            fault = self._fault(data)
+            if fault:
+                for _, driver in listeners:
+                    driver.refuse(key, fault, self._clock())
+                return
         if len(listeners) > 1:
             with contextlib.suppress(MessageError):  # each driver reports it
                 payload = decode(data, listeners[0][0].message)
         for to, driver in listeners:
             self._timed(driver, driver.deliver, to, key, payload)
+
+    def _fault(self, data: bytes) -> str:
+        """Return why a repeated state does not count; "" if it does."""
+        assert self._seals is not None, "only a society with keys has them"
+        try:
+            return self._seals.fault(decode(data, Repeat))
+        except MessageError as error:
+            return str(error)
 
     def _on_token(self, name: str, instance: str, alive: bool) -> None:
         def deliver() -> None:
@@ -469,11 +495,16 @@ def _urgent(item: Output) -> bool:
 
 
 def identity(
-    name: str, host: str | None = None, table: str = "", protocol: int = PROTOCOL
+    name: str,
+    host: str | None = None,
+    table: str = "",
+    protocol: int = PROTOCOL,
+    may_be_critical: Callable[[str, str], bool] | None = None,
 ) -> Identity:
     """Return a new instance's identity; its id is the name and 64 random bits.
 
-    `table` is the digest of the host table that the process was launched with.
+    `table` is the digest of the host table that the process was launched with, and
+    `may_be_critical` as in `Identity`.
     """
     rng = random.SystemRandom()
     return Identity(
@@ -484,6 +515,7 @@ def identity(
         rng=random.Random(rng.getrandbits(64)),
         table=table,
         protocol=protocol,
+        may_be_critical=may_be_critical,
     )
 
 
@@ -508,7 +540,7 @@ def serve(
     1; a conflicting instance gives 2. The process then ends within `LEAVE_S`, if necessary by
     SIGALRM: neither Zenoh's threads nor a hanging agent can delay it.
     """
-    host = AgentHost(agents, mesh, connect, wall=wall, head=head)
+    host = AgentHost(agents, mesh, connect, wall=wall, head=head, door=mesh.door)
     _await_signal(host.request_stop)
     await_stop(host.latch)
     _log_from_a_thread()

@@ -20,6 +20,7 @@ from armadico.core.messages import (
     Point,
     RobotState,
     Stop,
+    Twist,
 )
 from armadico.core.outgoing import Answer, Publish, SendQuery
 from armadico.core.resources import WHEELS
@@ -68,6 +69,7 @@ class Alone:
         charging: Whether a charger is connected.
         stalled: Whether something blocks the robot.
         touch: The place that the bumpers touch, in the body frame, m.
+        capped: Why the robot agent lets none of its commands through; empty: it does.
         published: All messages that the agent has published.
         asked: All queries that it has sent.
         answers: Its replies, by the number of the query.
@@ -92,6 +94,7 @@ class Alone:
         self.volts = 12.0
         self.stalled = self.charging = False
         self.touch: Point | None = None
+        self.capped = ""
         self.published: list[Message] = []
         self.on_query: list[SendQuery] = []
         self.answers: dict[int, Message] = {}
@@ -175,6 +178,9 @@ class Alone:
             *(self.at, *self.odometry, v, w, self.volts, True, stalled, stop),
             touch=self.touch,
             charging=self.charging,
+            ordered=Twist(*self.commanded),
+            capped=self.capped,
+            driver=self.agent.instance if any(self.commanded) else "",
         )
         return self.give(state, *([self.ack()] if self.agent.competes_for else []))
 

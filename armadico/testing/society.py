@@ -9,7 +9,7 @@ import msgspec
 
 from armadico.core.agent import Agent, Identity, Parameters
 from armadico.core.coordination import Owner, Verdict
-from armadico.core.cycles import PERIOD, CycleCounter
+from armadico.core.cycles import PERIOD, CycleCounter, epoch_of
 from armadico.core.exchange import Bid
 from armadico.core.messages import Ack, Claim, Command, Description, Message, RobotState, Stop
 from armadico.core.resources import WHEELS, Resource
@@ -81,7 +81,8 @@ class RobotOwner(ResourceOwner):
 
     def __init__(self, identity: Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
-        self.counter = CycleCounter(self.rng.getrandbits(63), PERIOD)
+        drawn, own = self.rng.getrandbits(63), epoch_of(self.instance)
+        self.counter = CycleCounter(drawn if own is None else own, PERIOD)
 
     def on_start(self) -> None:
         self.on_wakeup()

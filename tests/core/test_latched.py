@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+from msgspec.structs import replace
 
 from armadico.core.latched import AGAIN_S, DOUBT_S, PRESSES, RESTORE_S, Memory
 from armadico.core.messages import (
@@ -33,7 +34,10 @@ def memory() -> Memory:
 def knowing(*known: Latched) -> Memory:
     memory = Memory(random.Random(1))
     for message in known:
-        memory.update(message, 0.0)
+        if isinstance(message, Stop) and not message.stopped:
+            memory.follow(message, 0.0)
+        else:
+            memory.update(message, 0.0)
     return memory
 
 
@@ -58,23 +62,31 @@ def test_a_stop_latches_whatever_its_counter(counter: int) -> None:
     assert known.counter == (counter if counter in (6, 7) else 7)
 
 
-def test_a_release_needs_a_larger_counter() -> None:
+@pytest.mark.parametrize("counter", [0, 6, 7, 6 + JUMP + 1, LARGEST_COUNT])
+def test_a_release_ends_the_stop_that_it_names_whatever_its_counter(counter: int) -> None:
     memory = knowing(Stop(6, True, "a", 1))
-    for counter in (0, 5, 6):
-        assert not memory.update(Stop(counter, False, "b", 1), 1.0)
-    assert memory.update(Stop(7, False, "b", 1), 1.0)
+    assert not memory.release(Stop(counter, False, "forger", 2))
+    assert memory.newest(Stop) == Stop(6, True, "a", 1)
+    assert memory.release(Stop(counter, False, "b", 1))
+    assert memory.newest(Stop) == Stop(7, False, "b", 1), "the next ones are counted from here"
+
+
+def test_without_a_stop_a_release_is_nothing(memory: Memory) -> None:
+    assert not memory.release(Stop(7, False, "yesterday", 1))
+    assert memory.all() == []
+    assert memory.update(Stop(6, True, "a", 1), 0.0), "nor does it outlaw the stop that it names"
 
 
 def test_a_late_copy_of_a_stop_that_was_released_does_not_stop_again() -> None:
     stop, release = Stop(6, True, "a", 1), Stop(7, False, "a", 1)
     memory = knowing(stop, release)
-    for _ in range(3):
-        assert not memory.update(stop, 1.0)
+    for counter in (6, 8, LARGEST_COUNT):
+        assert not memory.update(replace(stop, counter=counter), 1.0)
         assert memory.newest(Stop) == release
-    assert restored(memory, 1.0) == [release], "and its publisher receives it"
+    assert restored(memory, 1.0) == [], "the robot agent's state has the release"
 
 
-def test_a_release_alone_identifies_its_stop() -> None:
+def test_a_release_in_the_robots_state_identifies_its_stop() -> None:
     memory = knowing(Stop(7, False, "a", 1))
     assert not memory.update(Stop(6, True, "a", 1), 1.0)
 
@@ -89,30 +101,49 @@ def test_a_new_press_stops_again() -> None:
 def test_a_release_of_an_older_stop_ends_none_that_was_pressed_since(counter: int) -> None:
     memory = knowing(Stop(6, True, "a", 1))
     assert not memory.update(Stop(counter, True, "b", 2), 1.0), "no news: it is stopped"
-    assert not memory.update(Stop(9, False, "c", 1), 1.0), "of a society that counted apart"
-    stands = Stop(10, True, "b", 2)
-    assert memory.newest(Stop) == stands
-    assert restored(memory, 1.0) == [stands], "and its publisher receives it"
-    assert memory.update(Stop(11, False, "c", 2), 2.0)
+    assert not memory.release(Stop(9, False, "c", 1))
+    assert memory.newest(Stop) == Stop(7, True, "b", 2)
+    assert memory.release(Stop(11, False, "c", 2))
 
 
-def test_a_release_of_a_stop_that_was_not_received_is_of_a_newer_one() -> None:
+# What the robot agent's state shows ---------------------------------------------------------------
+
+
+def test_a_state_stops_and_releases() -> None:
     memory = knowing(Stop(6, True, "a", 1))
-    assert memory.update(Stop(9, False, "c", 2), 1.0)
+    assert memory.follow(Stop(7, False, "a", 1), 1.0)
+    assert not memory.follow(Stop(7, False, "a", 1), 1.1), "no news"
+    assert memory.follow(Stop(8, True, "b", 2), 1.2)
+    assert memory.follow(Stop(11, False, "c", 3), 1.3), "of stops that were not received"
 
 
-def test_a_release_with_a_huge_counter_is_refused() -> None:
-    memory = knowing(Stop(6, True, "a", 1))
-    assert not memory.update(Stop(6 + JUMP + 1, False, "forger", 1), 1.0)
-    assert memory.refused == 1
-    assert memory.newest(Stop) == Stop(6, True, "a", 1)
+def test_a_stop_that_the_robot_agent_does_not_know_yet_stands_and_is_given_to_it() -> None:
+    pressed = Stop(8, True, "b", 2)
+    memory = knowing(Stop(6, True, "a", 1), Stop(7, False, "a", 1), pressed)
+    assert not memory.follow(Stop(7, False, "a", 1), 1.0)
+    assert memory.newest(Stop) == pressed
+    assert restored(memory, 1.0) == [pressed]
 
 
-@pytest.mark.parametrize("press", [1, 9], ids=["known", "unknown"])
-def test_a_release_with_a_huge_counter_changes_nothing_where_nothing_is_stopped(press: int) -> None:
+def test_a_robot_agent_that_has_restarted_is_given_the_stop_and_no_release() -> None:
+    stop, release = Stop(6, True, "a", 1), Stop(7, False, "a", 1)
+    memory = knowing(stop)
+    assert not memory.follow(Stop(), 1.0)
+    assert memory.newest(Stop) == stop
+    assert restored(memory, 1.0) == [stop]
+    memory.follow(release, 2.0)
+    assert not memory.follow(Stop(), 3.0)
+    assert memory.newest(Stop) == release
+    assert restored(memory, 3.0) == []
+
+
+def test_a_robot_agent_that_was_given_an_old_stop_is_believed() -> None:
     memory = knowing(Stop(6, True, "a", 1), Stop(7, False, "a", 1))
-    assert not memory.update(Stop(7 + JUMP + 1, False, "forger", press), 1.0)
-    assert memory.newest(Stop) == Stop(7, False, "a", 1)
+    assert memory.follow(Stop(6, True, "a", 1), 1.0), "it is stopped, whoever missed the release"
+    assert memory.follow(Stop(7, False, "b", 1), 2.0)
+
+
+# Counters of stops --------------------------------------------------------------------------------
 
 
 def test_a_late_copy_of_a_stop_with_a_huge_counter_does_not_stop_again() -> None:
@@ -124,19 +155,10 @@ def test_a_late_copy_of_a_stop_with_a_huge_counter_does_not_stop_again() -> None
 
 def test_a_jump_is_the_largest_step_that_is_believed() -> None:
     memory = knowing(Stop(6, False, "a", 1))
-    stop, release = Stop(6 + JUMP, True, "b", 2), Stop(6 + 2 * JUMP, False, "b", 2)
+    stop = Stop(6 + JUMP, True, "b", 2)
     assert memory.update(stop, 1.0)
     assert memory.newest(Stop) == stop
-    assert memory.update(release, 1.0)
-    assert memory.newest(Stop) == release
     assert memory.refused == 0
-
-
-@pytest.mark.parametrize("counter", [4, 6])
-def test_a_release_that_counts_no_further_does_not_make_its_stop_an_old_one(counter: int) -> None:
-    memory = knowing(Stop(6, False, "a", 1))
-    assert not memory.update(Stop(counter, False, "b", 2), 1.0)
-    assert memory.update(Stop(3, True, "b", 2), 1.0)
 
 
 def test_a_late_copy_of_a_stop_released_here_is_recognized(memory: Memory) -> None:
@@ -149,7 +171,7 @@ def test_however_many_stops_there_were_the_last_release_stands(counter: int, pre
     memory = Memory(random.Random(1))
     for press in range(presses):
         memory.update(Stop(counter + 2 * press, True, "a", press), 0.0)
-        memory.update(Stop(counter + 2 * press + 1, False, "a", press), 0.0)
+        memory.release(Stop(counter + 2 * press + 1, False, "a", press))
     last = memory.newest(Stop)
     for press in range(presses - PRESSES, presses):
         assert not memory.update(Stop(counter + 2 * press, True, "a", press), 1.0)
@@ -229,21 +251,15 @@ def test_what_is_given_back_is_so_within_a_tenth_of_a_second(seed: int) -> None:
     assert memory.wakeup == 5.0 + AGAIN_S[0]
 
 
-@pytest.mark.parametrize("stopped", [False, True])
-def test_what_counts_from_zero_is_given_too(stopped: bool) -> None:
-    memory = knowing(Stop(0, stopped, "a", 1))
+def test_what_counts_from_zero_is_given_too() -> None:
+    memory = knowing(Stop(0, True, "a", 1))
     memory.met(1.0)
-    assert restored(memory, 1.0) == [Stop(0, stopped, "a", 1)]
+    assert restored(memory, 1.0) == [Stop(0, True, "a", 1)]
 
 
 def test_a_state_without_a_stop_is_not_stored(memory: Memory) -> None:
-    assert not memory.update(Stop(), 0.0)
+    assert not memory.follow(Stop(), 0.0)
     assert memory.all() == []
-    memory.update(Stop(7, False, "a", 1), 1.0)
-    assert not memory.update(Stop(), 1.0)
-    assert restored(memory, 1.0) == [Stop(7, False, "a", 1)], (
-        "but its publisher receives the known one"
-    )
 
 
 def test_a_new_instance_gets_all_states() -> None:
@@ -350,24 +366,6 @@ def test_a_state_in_doubt_is_restored_later(memory: Memory) -> None:
     assert memory.due(5.0 + DOUBT_S + RESTORE_S) == [origin(FAR[0])]
 
 
-@pytest.mark.parametrize("far", FAR)
-def test_a_stop_that_is_in_doubt_is_not_released_by_what_is_apart(memory: Memory, far: int) -> None:
-    assert memory.update(Stop(far, True, "a", 5), 5.0)
-    assert not memory.update(Stop(6, False, "b", 4), 5.1)
-    assert memory.newest(Stop) == Stop(far, True, "a", 5)
-    assert not memory.update(Stop(6, True, "b", 6), 5.2), "no news: it is stopped"
-    assert memory.update(Stop(7, False, "b", 6), 5.3), "and counts as the others do"
-
-
-@pytest.mark.parametrize("far", FAR)
-def test_a_release_that_is_in_doubt_yields_to_the_stop_that_others_know(
-    memory: Memory, far: int
-) -> None:
-    memory.update(Stop(far, False, "forger", 5), 5.0)
-    assert memory.update(Stop(6, True, "b", 5), 5.1)
-    assert memory.newest(Stop) == Stop(6, True, "b", 5)
-
-
 def test_a_stop_far_beyond_that_others_insist_on_is_counted_as_they_do() -> None:
     memory = knowing(Stop(6, False, "a", 1))
     far = Stop(FAR[1], True, "b", 2)
@@ -377,16 +375,10 @@ def test_a_stop_far_beyond_that_others_insist_on_is_counted_as_they_do() -> None
     assert restored(memory, 1.0) == [counted], "the publishers receive it"
     assert not memory.update(far, 1.2), "no news: it is stopped"
     assert memory.newest(Stop) == far
-    assert memory.update(Stop(FAR[1] + 1, False, "b", 2), 1.3)
+    assert memory.release(Stop(FAR[1] + 1, False, "b", 2))
 
 
-def test_a_release_far_beyond_does_not_make_its_stop_an_old_one() -> None:
-    memory = knowing(Stop(6, False, "a", 1))
-    assert not memory.update(Stop(FAR[0] + 6, False, "forger", 2), 1.0)
-    assert memory.update(Stop(7, True, "b", 2), 1.1)
-
-
-@pytest.mark.parametrize("made", [origin, mission, lambda n: Stop(n, False, "a", 5)])
+@pytest.mark.parametrize("made", [origin, mission])
 def test_after_the_largest_counter_comes_none(made: Callable[[int], Latched]) -> None:
     memory = knowing(made(LARGEST_COUNT))
     assert next_count(LARGEST_COUNT) == 0
@@ -402,6 +394,19 @@ def test_after_the_largest_counter_comes_none(made: Callable[[int], Latched]) ->
 PEERS = 4
 
 
+ROBOT = PEERS - 1  # the robot agent: it alone judges releases, and the others follow its state
+
+
+def newest_stop(memory: Memory) -> Stop:
+    return memory.newest(Stop) or Stop()
+
+
+def shown(peers: list[Memory], now: float) -> None:
+    """Let all agents receive the robot agent's state."""
+    for memory in peers[:ROBOT]:
+        memory.follow(peers[ROBOT].newest(Stop) or Stop(), now)
+
+
 class Society(RuleBasedStateMachine):
     """Some memories, and a network that delays, duplicates, loses and reorders messages.
 
@@ -414,6 +419,7 @@ class Society(RuleBasedStateMachine):
         self.now = 0.0
         self.rng = random.Random(7)
         self.peers = [Memory(random.Random(n)) for n in range(PEERS)]
+        self.peers[ROBOT].judges = True
         self.wire: list[tuple[int, Latched]] = []  # under way, with the receiver
         self.old: list[Latched] = []  # all messages so far
         self.press = 0
@@ -435,13 +441,13 @@ class Society(RuleBasedStateMachine):
         assert known.stopped, "a stop was not obeyed"
         self.send(peer, stop)
 
-    @rule(peer=st.integers(0, PEERS - 1))
-    def release(self, peer: int) -> None:
-        known = self.peers[peer].newest(Stop)
+    @rule()
+    def release(self) -> None:
+        robot = self.peers[ROBOT]
+        known = robot.newest(Stop)
         if known is not None and known.stopped:
-            release = Stop(known.counter + 1, False, "guest", known.press)
-            assert self.peers[peer].update(release, self.now), "a stop could not be released"
-            self.send(peer, release)
+            assert robot.release(Stop(0, False, "guest", known.press)), "it could not be released"
+            shown(self.peers, self.now)
 
     @rule(peer=st.integers(0, PEERS - 1), ends=st.booleans())
     def mission(self, peer: int, ends: bool) -> None:
@@ -473,13 +479,8 @@ class Society(RuleBasedStateMachine):
         before = memory.newest(Stop) or Stop()
         memory.update(message, self.now)
         after = memory.newest(Stop) or Stop()
-        if isinstance(message, Stop) and not message.stopped:
-            assert after.stopped <= before.stopped
         assert after.counter >= before.counter
-        if before.stopped and not after.stopped:
-            assert isinstance(message, Stop), "released by what is no release"
-            assert not message.stopped, "released by what is no release"
-            assert message.counter > before.counter
+        assert after.stopped >= before.stopped, "released by what is no release"
 
     @rule()
     def time(self) -> None:
@@ -487,11 +488,13 @@ class Society(RuleBasedStateMachine):
         for number, memory in enumerate(self.peers):
             for message in memory.due(self.now):
                 self.send(number, message)
+        shown(self.peers, self.now)
 
     @rule(peer=st.integers(1, PEERS - 1))
     def restart(self, peer: int) -> None:
         """All but one may be started anew: that one remembers."""
         self.peers[peer] = Memory(random.Random(self.rng.random()))
+        self.peers[peer].judges = peer == ROBOT
         self.wire = [(to, message) for to, message in self.wire if to != peer]
         for memory in self.peers:
             memory.met(self.now)
@@ -515,14 +518,14 @@ class Society(RuleBasedStateMachine):
                     for other in self.peers:
                         if other is not memory:
                             other.update(message, self.now)
-        for kind in (Stop, Trajectory):
-            nothing = Stop() if kind is Stop else None
-            known = {memory.newest(kind) or nothing for memory in self.peers}
-            assert len(known) == 1, f"they do not agree: {known}"
+            shown(self.peers, self.now)
+        missions = {memory.newest(Trajectory) for memory in self.peers}
+        assert len(missions) == 1, f"they do not agree: {missions}"
+        stops = {stop.stopped and stop.press for m in self.peers if (stop := newest_stop(m))}
+        assert len(stops) == 1, f"they do not agree: {stops}"
         newest = max(remembered, key=lambda stop: stop.order)
-        now = self.peers[0].newest(Stop) or Stop()
         if newest.stopped:
-            assert now.stopped, "a stored stop was lost"
+            assert newest_stop(self.peers[0]).stopped, "a stored stop was lost"
 
 
 TestSociety = Society.TestCase
@@ -541,6 +544,7 @@ class Strays(RuleBasedStateMachine):
         self.now = 0.0
         self.rng = random.Random(7)
         self.peers = [Memory(random.Random(n)) for n in range(PEERS)]
+        self.peers[ROBOT].judges = True
         self.count = 0
 
     def send(self, message: Latched, source: int | None = None) -> None:
@@ -561,6 +565,7 @@ class Strays(RuleBasedStateMachine):
                 self.now += 0.002
                 self.send(message, source)
         self.now = end
+        shown(self.peers, self.now)
 
     @rule(kind=st.sampled_from([Stop, Stop, Trajectory]), data=st.data())
     def stray(self, kind: type[Latched], data: st.DataObject) -> None:
@@ -571,7 +576,7 @@ class Strays(RuleBasedStateMachine):
         counter = (known + step) % COUNTS
         message: Latched = Trajectory(counter, self.count, GOAL)
         if kind is Stop:
-            message = Stop(counter, data.draw(st.booleans()), "stray", self.count)
+            message = Stop(counter, True, "stray", self.count)
         peer = data.draw(st.sampled_from([None, *range(PEERS)]))
         if peer is None:
             self.send(message)
@@ -581,6 +586,7 @@ class Strays(RuleBasedStateMachine):
     @rule(peer=st.integers(0, PEERS - 1))
     def restart(self, peer: int) -> None:
         self.peers[peer] = Memory(random.Random(self.rng.random()))
+        self.peers[peer].judges = peer == ROBOT
         for memory in self.peers:
             memory.met(self.now)
         self.pass_time(0.3)
@@ -611,9 +617,9 @@ class Strays(RuleBasedStateMachine):
                 known = each.newest(Stop)
                 assert known is not None
                 assert known.stopped, "a stop always latches"
-        elif stop.stopped:
-            self.send(Stop(next_count(stop.counter), False, "people", stop.press))
-            assert not (memory.newest(Stop) or Stop()).stopped
+        elif (stop := newest_stop(self.peers[ROBOT])).stopped:
+            assert self.peers[ROBOT].release(Stop(0, False, "people", stop.press))
+            shown(self.peers, self.now)
 
     def teardown(self) -> None:
         if not hasattr(self, "peers"):

@@ -13,7 +13,7 @@ from armadico.core.parameters import Safety
 from armadico.mobile.geometry import turning_circle
 from armadico.mobile.motion import Body, Speeds
 from armadico.mobile.obstacles import Obstacles
-from armadico.mobile.safety import UNHEARD_M, Limited, Scene, corner_cut, critical, limit
+from armadico.mobile.safety import UNHEARD_M, Scene, corner_cut, critical, limit
 from armadico.mobile.swept_path import free_path
 from armadico.testing import PIONEER as DESCRIPTION
 from tests.core.test_motion import clearance, driven
@@ -33,12 +33,12 @@ def limited(
     *points: Point,
     measured: Speeds = (0.0, 0.0),
     safety: Safety = SAFETY,
-) -> Limited:
+) -> Speeds:
     return limit(v, w, Scene(PIONEER, measured, points), safety)
 
 
 def test_the_way_is_free_so_nothing_changes() -> None:
-    assert limited(1.5, 0.3) == (1.5, 0.3, inf)
+    assert limited(1.5, 0.3) == (1.5, 0.3)
 
 
 @pytest.mark.parametrize("bearing", [0.0, 0.8, 1.57, 3.1])
@@ -48,14 +48,14 @@ def test_without_a_map_it_stops_within_the_way_to_the_nearest_point_in_any_direc
 ) -> None:
     """A sonar does not detect how the wall of a point continues."""
     point = Point(away * cos(bearing), away * sin(bearing))
-    by_ear = limited(1.6, 0.0, point, safety=Safety(unmapped=True)).v
+    by_ear = limited(1.6, 0.0, point, safety=Safety(unmapped=True))[0]
     corner = turning_circle(*OUTLINE)
     assert PIONEER.stopping_distance(by_ear) <= max(away - corner, UNHEARD_M) + 1e-6
-    assert 0.2 < by_ear <= limited(1.6, 0.0, point).v
+    assert 0.2 < by_ear <= limited(1.6, 0.0, point)[0]
 
 
 def test_without_a_map_and_without_echoes_it_drives_as_before() -> None:
-    assert limited(1.5, 0.3, safety=Safety(unmapped=True)) == (1.5, 0.3, inf)
+    assert limited(1.5, 0.3, safety=Safety(unmapped=True)) == (1.5, 0.3)
 
 
 @given(st.floats(0.0, 5.0), st.floats(0.0, 0.5))
@@ -65,7 +65,7 @@ def test_it_stops_within_the_distance_of_its_speed(free: float, waited: float) -
 
 
 def test_wanted_speeds_are_limited_to_the_robots() -> None:
-    assert limited(9.0, -9.0)[:2] == (PIONEER.v_max, -PIONEER.w_max)
+    assert limited(9.0, -9.0) == (PIONEER.v_max, -PIONEER.w_max)
 
 
 @pytest.mark.long
@@ -79,7 +79,7 @@ def test_a_robot_that_can_still_stop_gets_no_speeds_that_touch(
     assume(all(OUTLINE.beside(p.x, p.y) > safety.margin_m for p in points))
     scene = Scene(PIONEER, measured, points)
     assume(scene.touches_at((0.0, 0.0), safety.margin_m) == inf)
-    v, w, _ = limit(*wanted, scene, safety)
+    v, w = limit(*wanted, scene, safety)
     poses = driven(PIONEER, measured, (v, w))
     assert all(clearance(PIONEER, poses, p) > 0.0 for p in points)
 
@@ -90,7 +90,7 @@ def test_a_limited_motion_is_never_faster_nor_turned_the_other_way(
     points: list[Point], measured: Speeds, wanted: Speeds
 ) -> None:
     v, w = wanted
-    slowed, turning, _ = limit(v, w, Scene(PIONEER, measured, points), SAFETY)
+    slowed, turning = limit(v, w, Scene(PIONEER, measured, points), SAFETY)
     assert 0.0 <= slowed <= v or v <= slowed <= 0.0
     assert 0.0 <= turning <= w or w <= turning <= 0.0
 
@@ -99,7 +99,7 @@ def test_at_speed_it_does_not_turn_in_place_beside_a_corner() -> None:
     """(0.02 m/s, 1.05 rad/s) at 0.45 m/s is not creeping: the front corner swings, and touched."""
     corner = Point(0.32, 0.25)
     assert limited(0.02, 1.05, corner)[:2] == (0.02, 1.05)
-    v, w, _ = limited(0.02, 1.05, corner, measured=(0.45, 0.0))
+    v, w = limited(0.02, 1.05, corner, measured=(0.45, 0.0))
     assert w < 0.7
     poses = driven(PIONEER, (0.45, 0.0), (v, w))
     assert clearance(PIONEER, poses, corner) > 0.05
@@ -107,9 +107,9 @@ def test_at_speed_it_does_not_turn_in_place_beside_a_corner() -> None:
 
 def test_what_the_points_age_and_the_bid_waits_is_counted() -> None:
     wall = Point(0.6, 0.0)
-    fast = limit(0.6, 0.0, Scene(PIONEER, (0.3, 0.0), [wall]), SAFETY).v
-    old = limit(0.6, 0.0, Scene(PIONEER, (0.3, 0.0), [wall], age=0.3), SAFETY).v
-    late = limit(0.6, 0.0, Scene(PIONEER, (0.3, 0.0), [wall], waits=0.3), SAFETY).v
+    fast = limit(0.6, 0.0, Scene(PIONEER, (0.3, 0.0), [wall]), SAFETY)[0]
+    old = limit(0.6, 0.0, Scene(PIONEER, (0.3, 0.0), [wall], age=0.3), SAFETY)[0]
+    late = limit(0.6, 0.0, Scene(PIONEER, (0.3, 0.0), [wall], waits=0.3), SAFETY)[0]
     assert fast > old == late
 
 
@@ -122,7 +122,7 @@ def test_an_exchange_may_be_late_or_at_once_and_both_are_free() -> None:
 
 
 def test_too_late_it_brakes() -> None:
-    v, _, _ = limited(0.5, 0.4, Point(0.4, 0.0), measured=(0.6, 0.0))
+    v, _ = limited(0.5, 0.4, Point(0.4, 0.0), measured=(0.6, 0.0))
     assert v == 0.0
     assert critical(Scene(PIONEER, (0.6, 0.0), [Point(0.4, 0.0)]), SAFETY)
 
@@ -137,18 +137,13 @@ def test_it_is_critical_from_where_it_could_not_stop() -> None:
 
 
 def test_it_does_not_turn_on_the_spot_where_a_corner_would_hit() -> None:
-    assert abs(limited(0.0, 0.8, Point(-0.2, -0.19)).w) <= 0.3 * 0.8
-    assert limited(0.0, 0.8, Point(-0.2, -0.5)).w == 0.8
-
-
-def test_it_returns_the_free_path() -> None:
-    assert limited(0.5, 0.0, Point(1.21, 0.0)).free == pytest.approx(1.0 - SAFETY.margin_m)
-    assert limited(0.0, 0.5, Point(1.21, 0.0)).free == inf
+    assert abs(limited(0.0, 0.8, Point(-0.2, -0.19))[1]) <= 0.3 * 0.8
+    assert limited(0.0, 0.8, Point(-0.2, -0.5))[1] == 0.8
 
 
 def test_backwards_what_is_behind_counts() -> None:
-    assert limited(-0.1, 0.0, Point(-0.26, 0.0)).v == pytest.approx(0.0, abs=0.02)
-    assert limited(-0.1, 0.0, Point(-0.60, 0.0), Point(0.25, 0.0)).v == -0.1
+    assert limited(-0.1, 0.0, Point(-0.26, 0.0))[0] == pytest.approx(0.0, abs=0.02)
+    assert limited(-0.1, 0.0, Point(-0.60, 0.0), Point(0.25, 0.0))[0] == -0.1
 
 
 @settings(max_examples=300)
@@ -164,7 +159,7 @@ def test_the_fastest_that_is_looked_for_is_admissible_itself(measured: float) ->
     looked_for = 0
     for ahead in range(25, 125, 3):
         scene = Scene(PIONEER, (measured, 0.0), [Point(ahead / 100, y) for y in (-0.1, 0.1)])
-        v, w, _ = limit(1.5, 0.0, scene, SAFETY)
+        v, w = limit(1.5, 0.0, scene, SAFETY)
         assert v == 0.0 or scene.touches_at((v, w), SAFETY.margin_m) == inf
         looked_for += 0.0 < v < 1.5
     assert looked_for
@@ -172,10 +167,10 @@ def test_the_fastest_that_is_looked_for_is_admissible_itself(measured: float) ->
 
 def test_a_tight_place_is_driven_through_slowly_with_a_parameter() -> None:
     sides, squeezing = (Point(0.32, 0.2), Point(0.32, -0.2)), Safety(slow=0.12)
-    assert limited(0.4, 0.0, *sides, measured=(0.1, 0.0)).v < 0.06
-    assert limited(0.4, 0.0, *sides, measured=(0.1, 0.0), safety=squeezing).v >= 0.12
+    assert limited(0.4, 0.0, *sides, measured=(0.1, 0.0))[0] < 0.06
+    assert limited(0.4, 0.0, *sides, measured=(0.1, 0.0), safety=squeezing)[0] >= 0.12
     blocked = Point(0.25, 0.16)
-    assert limited(0.4, 0.0, blocked, measured=(0.1, 0.0), safety=squeezing).v < 0.12
+    assert limited(0.4, 0.0, blocked, measured=(0.1, 0.0), safety=squeezing)[0] < 0.12
 
 
 def test_a_corner_is_cut_by_little_where_something_is_near() -> None:

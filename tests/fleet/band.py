@@ -25,7 +25,7 @@ from armadico.agents.fleet.messages import (
 from armadico.agents.fleet.task_sharing import TaskSharing
 from armadico.core import agent
 from armadico.core.agent import Agent, Identity, Question
-from armadico.core.cycles import CycleCounter
+from armadico.core.cycles import CycleCounter, epoch_of
 from armadico.core.messages import Description, Message, RobotState, Stop
 from armadico.core.resources import WHEELS
 from armadico.mesh.virtual import Node, VirtualMesh
@@ -71,7 +71,7 @@ class Puppet(Agent):
     def __init__(self, identity: Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self.x, self.y = self.p.x, self.p.y
-        self._counter = CycleCounter(self.rng.getrandbits(63), CYCLE_S)
+        self._counter = CycleCounter(epoch_of(self.instance) or 1, CYCLE_S)
         self._mission, self._state = 0, MissionState.NONE
         self._goal: Waypoint | None = None
         self._to_go = self._turning = 0.0
@@ -104,7 +104,7 @@ class Puppet(Agent):
         if cycle.number % 5 == 1:
             description = Description("puppet", CYCLE_S, 0.2, 0.2, 0.2, 1, 1, 1, 1, 1, 1, 0.6, 2)
             self.publish(description)
-        stop = self.stopped or Stop()
+        stop = self.memory.newest(Stop) or Stop()
         state = RobotState(cycle, self.x, self.y, 0.0, 0.0, 0.0, 12.9, True, False, stop)
         self.publish(state)
         self.publish(Pose(cycle, self.x, self.y, 0.0, SURE))

@@ -57,7 +57,9 @@ class Attached:
         return any(all(word in line for word in words) for line in self.said)
 
     def stop(self, name: str, *, stopped: bool = True, count: int = 1) -> None:
-        stop = Stop(count + (not stopped), stopped, "tester", 1)
+        known = self.band.fleet(name).stopped
+        press = known.press if known is not None and not stopped else 1
+        stop = Stop(count + (not stopped), stopped, "tester", press)
         self.band.mesh.publish(stop, namespace=name)
 
     def stopped(self) -> list[str]:

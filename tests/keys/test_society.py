@@ -52,6 +52,7 @@ def test_a_society_with_keys_needs_no_further_option(folder: Path) -> None:
     def does(*words: str, env: dict[str, str], code: int = 0) -> Done:
         done = call(*words, env=env)
         assert done.returncode == code, (words, done.stdout, done.stderr)
+        assert "has no right" not in done.stderr, words
         return done
 
     with starter(env=here) as start, starter(env=elsewhere) as start_elsewhere:
@@ -71,6 +72,11 @@ def test_a_society_with_keys_needs_no_further_option(folder: Path) -> None:
             assert "free to move" in does("resume", *words, env=env).stdout
             assert "v_max" in does("get", "goto", *words, env=env).stdout
         assert "goal is reached" in does("goto", "1.0", "0.0", env=here).stdout
+
+        # Nothing that an honest process sends is dropped.
+        logs = [*folder.glob("armadico-*/*.log")]
+        assert {"goto.log", "avoid.log", "interface.log"} <= {log.name for log in logs}
+        assert not [log.name for log in logs if "has no right" in log.read_text()]
 
         # Without a usable key nothing is read, and a stop still reaches the robot agent.
         private = folder / "keys" / "closed"

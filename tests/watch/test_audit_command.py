@@ -12,10 +12,11 @@ import pytest
 pytest.importorskip("mcap")
 
 from armadico import cli
-from armadico.core.messages import PROTOCOL, Stop, encode
+from armadico.config.scenarios import load_scenario
+from armadico.core.messages import PROTOCOL, Point, Stop, encode
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
-from armadico.mobile.messages import MissionState, MissionStatus
+from armadico.mobile.messages import MissionState, MissionStatus, Trajectory, Waypoint
 from armadico.observe.watching import Presence, Received
 from armadico.watch.recorder import Recording
 from armadico.watch.recordings import rows
@@ -61,6 +62,23 @@ def test_a_usual_drive_passes_and_what_had_no_occasion_is_named(
     assert judged["failed"] == "unknown", "no mission ended"
     assert "failed" in [each["promise"] for each in found["promises"] if not each["occasion"]]
     assert audit(recording, "--only", "failed")[0] == 3, "nothing at all was checked"
+
+
+def test_a_path_through_a_wall_of_the_map_that_the_agents_name_is_broken(
+    audit: Audit, tmp_path: Path
+) -> None:
+    path = tmp_path / "run.mcap"
+    run = Rehearsal(load_scenario("sc4"), Options(seed=4))
+    with Recorded(run.mesh, path, run.namespace):
+        run.start()
+        run.mesh.run(1.0)
+        end = Waypoint(run.scenario.start[0] + 50.0, run.scenario.start[1], 0.0)
+        run.mesh.publish(Trajectory(1, 1, (end,), Point(*run.scenario.start[:2]), planned=True))
+        run.mesh.run(1.5)
+    assert audit(path, "--only", "path")[0] == 1
+    code, found = audit(path, "--only", "path", "--world", "no-such-map")
+    assert code == 2
+    assert "no-such-map" in found["error"]
 
 
 def test_a_mission_that_is_reported_as_reached_under_way_is_broken(

@@ -17,6 +17,7 @@ EXAMPLES: Final = """\
   armadico keys agent goto                for an agent that is not in the table
   armadico keys list                      every identity, and until when it is valid
   armadico keys check                     what is wrong with the keys of this computer
+  armadico keys rights                    what each identity may do, and why
   armadico keys renew                     new certificates for the keys of this computer
   armadico keys revoke lab2               no link any more for what lab2 has
   armadico keys VERB --help               the options of each
@@ -49,6 +50,7 @@ VERBS: Final = {
     "list": _verb("list", "list all identities"),
     "check": _verb("check", "check the keys of this computer"),
     "renew": _verb("renew", "renew the certificates of this computer"),
+    "rights": _verb("rights", "print what each identity may do, and why"),
     "revoke": _verb("revoke", "revoke identities"),
 }
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from armadico.cli.options import FailedError
 from armadico.cli.parsing import Command, argument, group
+from armadico.core.config_errors import ConfigError
 from armadico.core.errors import UnknownNameError
 from armadico.keys.commands.common import Society, addresses, hours_option, issuer_of, now
+from armadico.keys.store import Identity, Store
 
 EXAMPLES: Final = """\
   armadico keys renew            all of this computer
@@ -26,26 +29,50 @@ class Options:
 
 
 def run(args: Options) -> int:
-    issuer, where = issuer_of(args.society, args.hours), args.society.where
-    here = {identity.name: identity for identity in issuer.store.identities()}
+    store, where = args.society.store, args.society.where
+    here = {identity.name: identity for identity in store.identities()}
     names = [n if n in here else f"{where.namespace}/{n}" for n in args.names] or list(here)
     for name in names:
         if name not in here:
             raise UnknownNameError("identity", name, here)
-    known = () if where.table is None else addresses(where.table)
-    renewed, refused = issuer.renew([here[name] for name in names], now(), addresses=known)
+    chosen = [here[name] for name in names]
+    if store.issues:
+        known = () if where.table is None else addresses(where.table)
+        issuer = issuer_of(args.society, args.hours)
+        renewed, refused = issuer.renew(chosen, now(), addresses=known)
+    else:
+        renewed, refused = _by_the_robot(store, chosen, where.known)
     if renewed:
-        print(f"{issuer.store.folder}: {len(renewed)} certificates are new")
+        print(f"{store.folder}: {len(renewed)} certificates are new")
     if refused:
         raise FailedError("; ".join(refused))
     return 0
+
+
+def _by_the_robot(
+    store: Store, identities: Sequence[Identity], endpoints: Sequence[str]
+) -> tuple[list[str], list[str]]:
+    """Renew by the robot's port; returns as `Issuer.renew`."""
+    from armadico.keys.asking import renewed
+
+    done: list[str] = []
+    refused: list[str] = []
+    for identity in identities:
+        try:
+            renewed(store, identity, endpoints)
+        except ConfigError as error:
+            refused.append(f"{identity.name}: {error}")
+        else:
+            done.append(identity.name)
+    return done, refused
 
 
 COMMAND: Final = Command(
     "armadico keys renew",
     Options,
     run,
-    "Make new certificates for the keys of this computer, which must have the authority's key."
-    " Private keys and passwords stay. The robot agent reads its own certificate when it starts.",
+    "Make new certificates for the keys of this computer, by the authority's key if it is here,"
+    " else by the robot's port. Private keys, passwords and links stay. A running process renews"
+    " its own certificate; the robot's is renewed by this command, once a year.",
     EXAMPLES,
 )

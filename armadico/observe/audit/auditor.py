@@ -9,20 +9,45 @@ from typing import Final
 from armadico.core.judgement import Answer
 from armadico.core.messages import Ack, Command, Message
 from armadico.core.services import derived
-from armadico.mobile.messages import MissionStatus, Trajectory, Truth
+from armadico.mobile.messages import MissionStatus, Scan, Trajectory, Truth
+from armadico.mobile.scans import is_readable
+from armadico.observe.audit.chart import Chart, Wall
 from armadico.observe.audit.contacts import Touched
-from armadico.observe.audit.coordination import Fresh, OneDriver, Ordered, Stopped
-from armadico.observe.audit.driving import Brakes, Earned, Honest, Speed, Stands, Steady
-from armadico.observe.audit.missions import Arrives, Ends, Failed, Found, Reached
+from armadico.observe.audit.coordination import Fresh, Held, OneDriver, Ordered, Stopped
+from armadico.observe.audit.driving import Brakes, Earned, Honest, Speed, Stands, Steady, Turns
+from armadico.observe.audit.missions import Arrives, Ends, Failed, Found, Leads, Reached
 from armadico.observe.audit.promises import Excuse, Finding
 from armadico.observe.audit.rules import Rule
 from armadico.observe.audit.scene import SHOWN, Scene
-from armadico.observe.audit.sensing import Changes, Heading, Moves, Scaled, Unbiased
+from armadico.observe.audit.sensing import (
+    Changes,
+    Fits,
+    Heading,
+    Moves,
+    Renewed,
+    Scaled,
+    Sees,
+    Shown,
+)
 
 RULES: Final[tuple[type[Rule], ...]] = (
-    *(Touched, Arrives, Ends, Reached, Failed, Found),
-    *(Stands, Honest, Earned, Steady, Speed, Brakes),
-    *(OneDriver, Fresh, Ordered, Stopped, Heading, Scaled, Moves, Changes, Unbiased),
+    *(Touched, Arrives, Ends, Reached, Failed, Found, Leads),
+    *(Stands, Honest, Earned, Steady, Speed, Brakes, Turns),
+    *(
+        OneDriver,
+        Fresh,
+        Ordered,
+        Held,
+        Stopped,
+        Heading,
+        Scaled,
+        Moves,
+        Changes,
+        Renewed,
+        Fits,
+        Sees,
+        Shown,
+    ),
 )
 
 
@@ -58,12 +83,25 @@ class Auditor:
         self._held = False  # an agent was obeyed, so it must have commanded
 
     def without(self, excuse: Excuse) -> Auditor:
-        """A new auditor with the same rules that does not accept an excuse."""
-        return Auditor(self._kinds, self.scene.excuses - {excuse}, self.scene.v_max)
+        """A new auditor with the same rules and map that does not accept an excuse."""
+        return self.anew(self.scene.excuses - {excuse})
+
+    def anew(self, excuses: frozenset[Excuse] | None = None) -> Auditor:
+        """A new auditor with the same rules and map, and these excuses, by default the same."""
+        new = Auditor(self._kinds, self.scene.excuses if excuses is None else excuses)
+        new.scene.v_max = self.scene.v_max
+        new.scene.mapped, new.scene.chart = self.scene.mapped, self.scene.chart
+        return new
+
+    def chart(self, walls: Iterable[Wall] | None) -> None:
+        """The robot was launched with a map of these walls, world frame, m; None: not at hand."""
+        self.scene.mapped, self.scene.chart = True, None if walls is None else Chart(walls)
 
     def update(self, at: float, key: str, message: Message) -> list[Finding]:  # noqa: ARG002
         """Process one message, received at a time (s). Returns what it shows."""
         if isinstance(message, Truth) and not self.scene.own(message):
+            return []
+        if isinstance(message, Scan) and not is_readable(message):
             return []
         self._seen.add(type(message))
         self.scene.update(at, message)
@@ -96,14 +134,17 @@ class Auditor:
         no_command = not self._held and self._has(Ack)
         spared = {kind for kind, none in ((Trajectory, no_path), (Command, no_command)) if none}
         lacking = [kind.__name__ for kind in rule.needs if not self._has(kind, *spared)]
+        uncharted = rule.charted and self.scene.chart is None
         if lacking:
             what = f"not checked: no {', '.join(lacking)} received"
+        elif uncharted:
+            what = "not checked: the robot's map is not known"
         elif not rule.checked:
             what = "not checked: there was no occasion"
         else:
             return rule.found(self.scene, "", "kept", answer=Answer.YES)
         found = rule.found(self.scene, "", what, answer=Answer.UNKNOWN)
-        return replace(found, occasion=bool(lacking))
+        return replace(found, occasion=bool(lacking) or (uncharted and self.scene.mapped))
 
     def _has(self, kind: type[Message], *spared: type[Message]) -> bool:
         return kind in spared or any(issubclass(each, kind) for each in self._seen)

@@ -5,15 +5,16 @@ And a stop holds until it is released.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator
 from math import inf
 from typing import Final
 
 from armadico.core.messages import Ack, Ballot, Command, Message, RobotState, Stop
 from armadico.core.resources import WHEELS
+from armadico.mobile.messages import MissionState, MissionStatus
 from armadico.observe.audit.promises import Excuse, Finding, Promise
-from armadico.observe.audit.rules import Rule
+from armadico.observe.audit.rules import AGAIN_S, Rule
 from armadico.observe.audit.scene import Scene
 from armadico.observe.measures import speeds
 from armadico.observe.view import agent_of
@@ -29,6 +30,13 @@ SAME: Final = 0.001
 
 OTHERS, WITHIN_S = 3, 10.0
 """So many orders within this time, s, that were not commanded are no accident."""
+
+IDLE_S: Final = 3.0
+"""Without a mission the wheels are released within this time, s: the interface agent may be
+restarted under way, and publishes the mission again."""
+
+SILENT_CYCLES: Final = 8
+"""A tenure without a command for so many cycles has ended; the owner rests after four."""
 
 RELEASED_S: Final = 2.0
 """A release may be received so much later than the state that shows it, s."""
@@ -124,7 +132,6 @@ class Ordered(Rule):
         super().__init__()
         self._commands: deque[Command] = deque(maxlen=COMMANDS)
         self._others: deque[float] = deque(maxlen=OTHERS)
-        self._named_at = -inf
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
         if isinstance(message, Command) and message.resource == WHEELS.name:
@@ -147,12 +154,60 @@ class Ordered(Rule):
         if any(abs(v - each[0]) < SAME and abs(w - each[1]) < SAME for each in commanded):
             return
         self._others.append(now.now)
-        named = now.now - self._named_at < WITHIN_S
-        if len(self._others) == OTHERS and now.now - self._others[0] < WITHIN_S and not named:
-            self._named_at = now.now
+        often = len(self._others) == OTHERS and now.now - self._others[0] < WITHIN_S
+        if often and self.is_new("robot", now, AGAIN_S):
             was = f"{agent_of(by.instance)} commanded %.2f and %.2f" % commanded[-1]
             what = f"orders {v:.2f} m/s and {w:.2f} rad/s, where {was}"
             yield self.found(now, "robot", what, f"{OTHERS} such orders")
+
+
+class Held(Rule):
+    """A tenure ends with its mission, and by a release or a takeover.
+
+    An agent may drive without missions; one that took the wheels for a mission has no use for them
+    after it, unless a person drives by hand, it leads the robot, or searches its place.
+    """
+
+    promise = Promise.HELD
+    needs = (Ack, MissionStatus)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._driven: Ballot | None = None  # of the newest mission
+        self._since = inf  # when it was first held without a use
+        self._silent: Counter[str] = Counter()  # tenures that ended in silence, by agent
+        self._ended: Ballot | None = None
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if not isinstance(message, Ack) or message.resource != WHEELS.name or now.mission is None:
+            return
+        self.checked = True
+        if now.excuse(Excuse.DISTURBED) is not None:
+            self._since = inf
+            return
+        yield from self._unreleased(message, now)
+        due = now.mission.state in (MissionState.DRIVING, MissionState.PLANNING)
+        self._driven = message.obeyed if due else self._driven
+        uses = due or now.excuse(Excuse.BY_HAND, Excuse.LED, Excuse.LOST) is not None
+        if not now.holder or message.obeyed != self._driven or uses:
+            self._since = inf
+            return
+        self._since = min(self._since, now.now)
+        if now.now - self._since > IDLE_S:
+            self._since = inf
+            what = f"holds the wheels {IDLE_S:g} s after its mission"
+            yield self.found(now, now.who, what, f"utility {message.utility:.2f}")
+
+    def _unreleased(self, ack: Ack, now: Scene) -> Iterator[Finding]:
+        by, at = ack.obeyed, ack.obeyed_cycle
+        if by is None or at is None or at.epoch != ack.cycle.epoch or by == self._ended:
+            return
+        if ack.cycle.number - at.number > SILENT_CYCLES:
+            self._ended, who = by, agent_of(by.instance)
+            self._silent[who] += 1
+            if self._silent[who] == OTHERS:
+                what = "stopped commanding without a release"
+                yield self.found(now, who, what, f"{OTHERS} times")
 
 
 class Stopped(Rule):

@@ -11,14 +11,14 @@ from armadico.core.cycles import PERIOD
 from armadico.core.judgement import Answer
 from armadico.core.messages import Ack, Description, Message, RobotState
 from armadico.core.resources import WHEELS
-from armadico.mobile.admissible import TOO_LATE, UNSEEN
+from armadico.mobile.admissible import UNSEEN
 from armadico.mobile.geometry import relative
 from armadico.mobile.messages import Echo, MissionStatus, Pose, Scan, Sonar, Trajectory
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.route import Route
 from armadico.mobile.scans import points_of
 from armadico.observe.audit.promises import Excuse, Finding, Promise
-from armadico.observe.audit.rules import Rule
+from armadico.observe.audit.rules import AGAIN_S, Rule
 from armadico.observe.audit.scene import Scene
 from armadico.observe.view import agent_of
 
@@ -36,11 +36,12 @@ second has ten; people who step in front of the robot cost it five or six, in wh
 FAST_M_S: Final = 0.1
 """Slower commands may be attempts to creep away from what is touched."""
 
-CAPPED, OF_OBEYED = 15, 60
+CAPPED, OF_OBEYED = 10, 20
 """Or of which the robot agent caps so many of so many that it obeyed, not always in a row. Its own
-readings may show first what others learn some cycles later: in the fault bed up to 8 of 100."""
+readings may show first what others learn some cycles later: in 17 drives of the fault bed 6 at
+most. A liar is found 1.0 to 1.3 s after it begins."""
 
-NO_READING: Final = ("", UNSEEN, TOO_LATE)
+NO_READING: Final = ("", UNSEEN)
 """Caps by which no reading of this cycle forbids anything."""
 
 PRESSES_M_S: Final = 0.15
@@ -88,9 +89,18 @@ BRAKES_LAG, BRAKES_CYCLES = 3, 3
 BRAKES_SHARE: Final = 0.5
 """After a lag of so many cycles it brakes over so many by at least this share of its ramp."""
 
-BRAKINGS, DUE_CYCLES, SETTLED_M_S, FULL_SHARE = 10, 3, 0.06, 0.8
-"""Of so many cycles of braking the second best shows how it can. Each was due for the second, by
-more than the third, m/s, and by so much of what the ramp makes in a cycle."""
+BRAKINGS, DUE_CYCLES, SETTLED_M_S, WEAK_SHARE = 6, 3, 0.06, 0.4
+"""In so many cycles of braking, each due for the second, by more than the third, m/s, it got slower
+by more than the fourth of what the ramp makes. In 14 undisturbed drives the least was 0.47 to 0.74;
+a robot that brakes three times as slowly has 0.32."""
+
+TURNED, FASTER, TURNS_LEAST_RAD_S = 20, 1.15, 0.15
+"""In so many cycles a base turns by less than the second of the most that was let through, if that
+is more than the third. In 30 drives of the fault bed it was 1.02 at most. Turning too slowly is no
+finding: on the spot, or to and fro, friction and ramps take more than half."""
+
+GAP_S: Final = 0.2
+"""Between states that are farther apart one is missing, s."""
 
 ROLLS_M_S: Final = 0.1
 """Driving faster than ordered by this, m/s, is not the lag of the ramp alone."""
@@ -161,7 +171,6 @@ class Honest(Rule):
     def __init__(self) -> None:
         super().__init__()
         self._lately: dict[str, tuple[deque[bool], deque[bool]]] = {}  # forbidden, capped
-        self._named_at: dict[str, float] = {}
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
         if not isinstance(message, RobotState) or not now.holder:
@@ -179,8 +188,7 @@ class Honest(Rule):
             for each, most, what in zip(lately, (FORBIDDEN, CAPPED), why, strict=True)
             if what and sum(each) >= most
         ]
-        if found and now.now - self._named_at.get(now.holder, -inf) > TAKES_S:
-            self._named_at[now.holder] = now.now
+        if found and self.is_new(now.holder, now, AGAIN_S):
             what = "keeps commanding what the readings forbid"
             yield self.found(now, now.who, what, found[0])
 
@@ -228,7 +236,6 @@ class Earned(Rule):
         super().__init__()
         self._read: dict[tuple[float, ...], tuple[float, Spots]] = {}  # by sonar, or of the laser
         self._lately: deque[str] = deque(maxlen=OF_CYCLES)
-        self._named_at = -inf
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
         if isinstance(message, Scan):
@@ -260,9 +267,8 @@ class Earned(Rule):
         forbidden = drives_on and free < reached * REACTION_S + reached**2 / (2.0 * about.v_decel)
         at = f"{v:.2f} m/s, where a reading shows {free:.2f} m" if forbidden else ""
         self._lately.append(at)
-        named = now.now - self._named_at < TAKES_S
-        if at and sum(map(bool, self._lately)) >= EARNED_CYCLES and not named:
-            self._named_at = now.now
+        often = sum(map(bool, self._lately)) >= EARNED_CYCLES
+        if at and often and self.is_new("robot", now, AGAIN_S):
             what = f"lets through what its readings forbid ({EARNED_CYCLES} of {OF_CYCLES} cycles)"
             yield self.found(now, "robot", what, at)
 
@@ -322,7 +328,6 @@ class Speed(Rule):
         self._since = inf
         self._orders: dict[str, deque[float]] = {}  # on free, long and straight paths, by agent
         self._follows = Follows()
-        self._named: set[str] = set()
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
         if isinstance(message, Trajectory):
@@ -346,9 +351,8 @@ class Speed(Rule):
         orders.append(v)
         known, least = now.cruise
         slow = sum(each < ORDERED_SHARE * known for each in orders)
-        if slow < MOST_CYCLES or now.who in self._named:
+        if slow < MOST_CYCLES or not self.is_new(now.who, now):
             return
-        self._named.add(now.who)
         what = f"orders {max(orders):.2f} m/s on a free, long and straight path"
         if max(orders) < ORDERED_SHARE * least:
             yield self.found(now, now.who, what, f"cruising speed {least:.2f} m/s or more")
@@ -362,9 +366,8 @@ class Speed(Rule):
             return
         self._follows.add(now.now, admitted, state.v)
         excused = state.stalled or now.excuse(Excuse.DISTURBED, Excuse.FAULT, Excuse.STOPPED)
-        if "robot" in self._named or excused or not self._follows.lags(about):
+        if excused or not self._follows.lags(about) or not self.is_new("robot", now):
             return
-        self._named.add("robot")
         what = f"drives {state.v:.2f} m/s, where {admitted:.2f} m/s are ordered"
         yield self.found(now, "robot", f"{what}; no reason is published")
 
@@ -398,8 +401,7 @@ class Brakes(Rule):
     def __init__(self) -> None:
         super().__init__()
         self._follows = Follows()
-        self._shares: deque[float] = deque(maxlen=BRAKINGS)
-        self._named = False
+        self._slowed: deque[tuple[float, float]] = deque(maxlen=BRAKINGS)  # and what was due, m/s
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
         if not isinstance(message, RobotState) or now.description is None:
@@ -409,24 +411,52 @@ class Brakes(Rule):
         if admitted is None or message.v < abs(message.w) * now.description.half_width:
             return
         self._follows.add(now.now, admitted, message.v)
-        share = self._follows.brakes(now.description.v_decel)
-        if self._named or share is None:
+        slowed = self._follows.brakes(now.description.v_decel)
+        if slowed is None or now.excuse(Excuse.DISTURBED) is not None:
             return
         self.checked = True
-        self._shares.append(share)
+        self._slowed.append(slowed)
         ramp = f"its ramp is {now.description.v_decel:.2f} m/s^2"
+        share = sum(by for by, _ in self._slowed) / sum(due for _, due in self._slowed)
         if self._follows.rolls(now.description):
-            if now.excuse(Excuse.DISTURBED) is not None:
-                return
-            self._named = True
-            what = f"still drives {message.v:.2f} m/s, where {admitted:.2f} m/s are ordered"
-            yield self.found(now, "robot", what, f"for {self._follows.lasts:.1f} s, {ramp}")
-        elif len(self._shares) == BRAKINGS:
-            best = sorted(self._shares)[-2]
-            if best < BRAKES_SHARE:
-                self._named = True
-                what = f"brakes by {best:.0%} of its ramp at best"
-                yield self.found(now, "robot", what, f"in {BRAKINGS} cycles; {ramp}")
+            if self.is_new("robot", now):
+                what = f"still drives {message.v:.2f} m/s, where {admitted:.2f} m/s are ordered"
+                yield self.found(now, "robot", what, f"for {self._follows.lasts:.1f} s, {ramp}")
+        elif len(self._slowed) == BRAKINGS and share < WEAK_SHARE and self.is_new("robot", now):
+            what = f"brakes by {share:.0%} of its ramp"
+            yield self.found(now, "robot", what, f"in {BRAKINGS} cycles; {ramp}")
+
+
+class Turns(Rule):
+    """The base turns no faster than is let through."""
+
+    promise = Promise.ORDERED
+    needs = (RobotState,)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._rates: deque[float] = deque(maxlen=LAG_CYCLES + 1)  # let through, rad/s
+        # Measured, and the most that was let through just before.
+        self._turned: deque[tuple[float, float]] = deque(maxlen=TURNED)
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if not isinstance(message, RobotState):
+            return
+        excused = now.excuse(Excuse.DISTURBED, Excuse.FAULT, Excuse.STOPPED)
+        if message.stalled or excused or now.state_gap_s > GAP_S or not now.publishes_orders:
+            self._rates.clear()
+            return
+        self._rates.append(message.admitted.w)
+        one_way = min(self._rates) > TURNS_LEAST_RAD_S or max(self._rates) < -TURNS_LEAST_RAD_S
+        if len(self._rates) <= LAG_CYCLES or not one_way:
+            return
+        self.checked = True
+        self._turned.append((abs(message.w), max(map(abs, self._rates))))
+        turned, most = (sum(each) / len(self._turned) for each in zip(*self._turned, strict=True))
+        faster = len(self._turned) == TURNED and turned > FASTER * most
+        if faster and self.is_new("robot", now, AGAIN_S):
+            what = f"turns by {turned:.2f} rad/s, where at most {most:.2f} rad/s are ordered"
+            yield self.found(now, "robot", what, f"on average of {TURNED} cycles")
 
 
 class Follows:
@@ -458,17 +488,16 @@ class Follows:
         slow = all(v > FAST_M_S and m < DRIVEN_SHARE * v for _, v, m in self._last)
         return gains is not None and slow and gains < GAINS_SHARE
 
-    def brakes(self, ramp: float) -> float | None:
-        """By what share of the ramp it got slower in the last cycle; None if it was not due."""
+    def brakes(self, ramp: float) -> tuple[float, float] | None:
+        """By how much it got slower in the last cycle, and should have; None if it was not due."""
         due = [*self._last][-DUE_CYCLES:]
         if len(due) < DUE_CYCLES:
             return None
         (begun, _, before), (ended, _, after) = due[-2:]
-        most = ramp * (ended - begun)
         over = before - max(v for _, v, _ in due)
-        if min(v for _, v, _ in due) < 0.0 or over < max(SETTLED_M_S, FULL_SHARE * most):
+        if min(v for _, v, _ in due) < 0.0 or over < SETTLED_M_S:
             return None
-        return (before - after) / min(most, over)
+        return before - after, min(ramp * (ended - begun), over)
 
     def rolls(self, about: Description) -> bool:
         """Whether it drives much more than was let through all the time, and gets no slower."""

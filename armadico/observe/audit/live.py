@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar, Final
 
+from armadico.config.worlds import load_world
+from armadico.core.config_errors import ConfigError
 from armadico.core.judgement import Answer
-from armadico.core.messages import Command, Message, line
+from armadico.core.messages import Card, Command, Message, line
 from armadico.core.services import service_of
 from armadico.observe.audit.auditor import Auditor, watched
 from armadico.observe.audit.promises import Finding, Promise
@@ -15,6 +17,15 @@ KEPT_S: Final = 60.0
 
 MOST: Final = 8
 """Most broken promises in a report; the newest come first."""
+
+
+def learn(auditor: Auditor, card: Card) -> None:
+    """Give an auditor the map that an agent was launched with, if it is a shipped one."""
+    if card.world and not auditor.scene.mapped:
+        try:
+            auditor.chart(load_world(card.world).outlines)
+        except ConfigError:
+            auditor.chart(None)
 
 
 class Live:
@@ -33,15 +44,18 @@ class Live:
     def __init__(self) -> None:
         self.news: list[str] = []
         self._broken: dict[tuple[Promise, str], Finding] = {}
-        self.begin()
+        self._auditor = Auditor()
 
     def begin(self) -> None:
-        """Forget all but the findings: what this process did not receive proves nothing."""
-        self._auditor = Auditor()
+        """Forget all but findings and map: what this process did not receive proves nothing."""
+        self._auditor = self._auditor.anew()
 
     def update(self, at: float, message: Message | None) -> None:
         """Judge a message at a time, s; or, with None, that time has passed."""
         auditor = self._auditor
+        if isinstance(message, Card):
+            learn(auditor, message)
+            return
         found = auditor.tick(at) if message is None else auditor.update(at, "", message)
         auditor.findings.clear()
         for each in found:

@@ -35,7 +35,8 @@ BEGINS_S: Final = 20.0
 """Time, s, for turning at the start and parking at the goal."""
 
 RESUMES_S: Final = 5.0
-"""After an excuse that lasted, a robot has so long to get going, s (`Promise.MOVES`)."""
+"""After an excuse that lasted, a robot has so long to get going, s (`Promise.MOVES`). A disturbance
+has that time already."""
 
 RESTS_S: Final = 15.0
 RESTS_M_S, RESTS_RAD_S = 0.02, 0.05
@@ -47,7 +48,7 @@ DETOURS: Final = 3.0
 NOBODY: Final = "nobody"
 
 LONG_S: Final = 10.0
-"""Waiting for a free path counts as the cause of a failure after this time, s."""
+"""Waiting for a free path, or being lost, counts as a failure's cause after this time, s."""
 
 STUCK_S: Final = 60.0
 """Coming no nearer counts as the cause of a failure after this time, s. The interface agent gives
@@ -68,9 +69,11 @@ EXCUSES: Final = (
     *(Excuse.LED, Excuse.LOST, Excuse.WAITS),
 )
 
-IN_THE_WAY_S: Final = 30.0
-"""Obstacles ahead, such as people, may cost a mission so much time, s, and no more: going round
-them is a behaviour's work. A choice."""
+PLANS_S: Final = 5.0
+"""A robot that was lost has a planned path after this time, s."""
+
+PLACED_M: Final = 0.4
+"""Within this of its start a path is not judged, m."""
 
 
 class Arrives(Rule):
@@ -120,20 +123,12 @@ class Arrives(Rule):
         dt, self._last_at = now.now - self._last_at, now.now
         self._measure(now)
         excuse = now.excuse(*EXCUSES)
-        if excuse is None and self._excused.get(IN_THE_WAY, 0.0) < IN_THE_WAY_S:
-            excuse = now.excuse(Excuse.IN_THE_WAY)
         before = self._excuse
-        if before is not None and before[0] not in (excuse, *NO_MORE):
+        if before is not None and before[0] not in (excuse, Excuse.DISTURBED):
             self._bonus_s += min(now.now - before[1], RESUMES_S)
         if excuse is not None:
-            self._excuse = (
-                before
-                if before is not None and before[0] is excuse
-                else (
-                    excuse,
-                    now.now,
-                )
-            )
+            if before is None or before[0] is not excuse:
+                self._excuse = excuse, now.now
             _add(self._excused, _name(excuse), dt)
             return
         self._excuse = None
@@ -179,11 +174,6 @@ class Arrives(Rule):
 
 def _name(excuse: Excuse) -> str:
     return excuse.name.lower().replace("_", " ")
-
-
-IN_THE_WAY: Final = _name(Excuse.IN_THE_WAY)
-NO_MORE: Final = (Excuse.DISTURBED, Excuse.IN_THE_WAY)
-"""Excuses that give no further time to get going: a disturbance has it already."""
 
 
 def _add(to: dict[str, float], name: str, seconds: float) -> None:
@@ -299,7 +289,10 @@ def _by(pose: Pose, off: tuple[float, float]) -> str:
 
 
 class Failed(Rule):
-    """A mission fails for a cause that was seen."""
+    """A mission fails for a cause that was seen.
+
+    A disturbance that only the observer knows of is none: the robot gives up for what it sees.
+    """
 
     promise = Promise.FAILED
     needs = (RobotState, MissionStatus)
@@ -309,13 +302,13 @@ class Failed(Rule):
         self._mission = 0
         self._judged = False
         self._seen_at = -inf  # when a cause was last seen
-        self._waits_s = 0.0
+        self._lasted: dict[Excuse, float] = {}  # s, of this mission
         self._to_go, self._nearer_at, self._last_at = inf, -inf, -inf
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
         if isinstance(message, MissionStatus):
             if message.mission != self._mission:
-                self._mission, self._judged, self._waits_s = message.mission, False, 0.0
+                self._mission, self._judged, self._lasted = message.mission, False, {}
                 self._to_go, self._nearer_at, self._seen_at = inf, now.now, -inf
             if message.state is MissionState.DRIVING and message.to_go < self._to_go - NEARER_M:
                 self._to_go, self._nearer_at = message.to_go, now.now
@@ -325,20 +318,19 @@ class Failed(Rule):
             if message.mission != self._mission and message.waypoints:
                 self._seen_at = now.now  # it is for another mission
         elif isinstance(message, RobotState):
-            dt, self._last_at = now.now - self._last_at, now.now
-            if message.stalled:
+            dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
+            if message.stalled or now.excuse(Excuse.FAULT) is not None:
                 self._seen_at = now.now
-            excuse = now.excuse(Excuse.FAULT, Excuse.DISTURBED, Excuse.LOST, Excuse.WAITS)
-            if excuse is Excuse.WAITS:
-                self._waits_s += min(dt, 1.0)
-            elif excuse is not None:
-                self._seen_at = now.now
+            for each in (Excuse.LOST, Excuse.WAITS):
+                if now.excuse(each) is not None:
+                    self._lasted[each] = self._lasted.get(each, 0.0) + dt
 
     def _judge(self, status: MissionStatus, now: Scene) -> Iterator[Finding]:
         first, self._judged, self.checked = not self._judged, True, True
         stuck = now.now - self._nearer_at > STUCK_S
         seen = now.now - self._seen_at < LATELY_S
-        if first and not seen and not stuck and self._waits_s < LONG_S:
+        lasted = max(self._lasted.values(), default=0.0) >= LONG_S
+        if first and not (seen or stuck or lasted):
             what = "the mission failed, and no contact, blocked path or fault of the robot was seen"
             yield self.found(now, "interface", what, status.note)
 
@@ -370,3 +362,45 @@ class Found(Rule):
                 assert now.pose is not None, "a pose says that it is lost"
                 what = f"lost for {FOUND_S:.0f} s on a mission"
                 yield self.found(now, "localization", what, f"+-{now.pose.deviation:.1f} m")
+
+
+class Leads(Rule):
+    """A path of the planner leads through no wall of the map that the robot was launched with.
+
+    While the robot is lost, a path straight to the goal stands for one that is planned later.
+    """
+
+    promise = Promise.PATH
+    needs = (Trajectory,)
+    sees = (Pose,)
+    charted = True
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._judged: tuple[Waypoint, ...] = ()
+        self._lost_at = -inf
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if now.excuse(Excuse.LOST) is not None:
+            self._lost_at = now.now
+        if now.now - self._lost_at < PLANS_S:
+            return
+        if not isinstance(message, Trajectory) or not message.planned or message.revision:
+            return
+        chart = now.chart
+        if chart is None or not message.waypoints or message.waypoints == self._judged:
+            return
+        self._judged, self.checked = message.waypoints, True
+        x, y = message.start.x, message.start.y
+        # By its pose the robot may stand in a wall, or behind one.
+        skip = PLACED_M
+        for number, to in enumerate(message.waypoints[message.leg :], message.leg + 1):
+            length = hypot(to.x - x, to.y - y)
+            share = min(skip / length, 1.0) if length else 1.0
+            at = chart.crosses(x + share * (to.x - x), y + share * (to.y - y), to.x, to.y)
+            skip, x, y = max(skip - length, 0.0), to.x, to.y
+            if at is not None:
+                of = f"waypoint {number} of {len(message.waypoints)}"
+                what = f"the path to {of} leads through a wall of the map"
+                yield self.found(now, "path-planning", what, f"at ({at[0]:.2f}, {at[1]:.2f})")
+                return

@@ -28,6 +28,7 @@ from armadico.mobile.messages import (
     Truth,
 )
 from armadico.mobile.obstacles import Obstacles, Surroundings
+from armadico.observe.audit.chart import Chart
 from armadico.observe.audit.promises import Excuse
 from armadico.observe.measures import REACHED_M, REACHED_RAD, speeds
 from armadico.observe.view import agent_of, driver
@@ -48,9 +49,6 @@ SHOWN: Final[tuple[type[Message], ...]] = (
 ROOM_M: Final = 0.5
 """An obstacle nearer to the robot's front or flanks than this, m, is a reason to stand."""
 
-BESIDE_M: Final = 0.1
-"""Behaviours pass an obstacle at no less, m."""
-
 RESTS: Final = Twist(0.0, 0.0)
 
 CRUISE_M_S: Final = 0.75
@@ -68,6 +66,8 @@ class Scene:
         excuses: Those that count; others are switched off.
         needed: How often each excuse held when a rule asked for it.
         disturbed: A disturbance that the observer knows of, in words; "" without one.
+        mapped: Whether the robot was launched with a map.
+        chart: That map; None: unknown.
         v_max: The limit that a scenario or a user sets, m/s (`v_max` of goto); inf: there is none;
             None: unknown.
         holder: The instance whose command is obeyed; "" without one.
@@ -79,6 +79,8 @@ class Scene:
         self.needed: Counter[Excuse] = Counter()
         self.disturbed = ""
         self.v_max = v_max
+        self.mapped = False
+        self.chart: Chart | None = None
         self.description: Description | None = None
         self.state: RobotState | None = None
         self.before: RobotState | None = None  # the state before
@@ -224,8 +226,6 @@ class Scene:
                 return bool(self.disturbed)
             case Excuse.BLOCKED:
                 return self._blocked()
-            case Excuse.IN_THE_WAY:
-                return self._in_the_way()
             case Excuse.CAPPED:
                 return state is not None and bool(state.capped)
             case Excuse.UNSURE:
@@ -238,14 +238,6 @@ class Scene:
             return False
         reach, half = about.front + ROOM_M, about.half_width + ROOM_M
         return any(-about.rear < p.x < reach and abs(p.y) < half for p in seen.points)
-
-    def _in_the_way(self) -> bool:
-        """Whether it would meet an obstacle soon if it drove straight on."""
-        about, seen = self.description, self.obstacles
-        if about is None or seen is None:
-            return False
-        reach, half = about.front + ROOM_M, about.half_width + BESIDE_M
-        return any(0.0 < p.x < reach and abs(p.y) < half for p in seen.points)
 
 
 def _unsure(pose: Pose) -> bool:

@@ -34,6 +34,7 @@ EXAMPLES: Final = """\
   armadico audit run.mcap
   armadico audit run.mcap --only collision --only reached   the exit code is that of these
   armadico audit run.mcap --json | jq '.promises[] | select(.answer != "yes")'
+  armadico audit run.mcap --world lab.yaml                  by the robot's own map
   armadico audit --live                                     until Ctrl-C
 """
 
@@ -52,6 +53,12 @@ class Options:
     only: tuple[str, ...] = several(
         "judge only this promise; may be repeated (default: all)", metavar="PROMISE"
     )
+    world: str | None = option(
+        "the robot's map: a shipped world, or a file (default: the one that its agents name, if it"
+        " is shipped)",
+        default=None,
+        metavar="MAP",
+    )
     json: bool = flag("print one JSON object")
     mesh: options.Recorded = group(options.Recorded, "the mesh")
 
@@ -69,6 +76,8 @@ def run(args: Options) -> int:
         raise UsageError(f"--only {unknown[0]}: expected one of {', '.join(only)}")
     chosen = {only[name] for name in args.only or only}
     auditor = Auditor(rule for rule in RULES if rule.promise in chosen)
+    if (world := options.world_of(args.world)) is not None:
+        auditor.chart(world.outlines)
     audit = _Audit(auditor, loud=not args.json)
     if args.file is None:
         _live(args, audit)
@@ -98,10 +107,19 @@ class _Audit:
         from armadico.observe.audit.auditor import watched
 
         self.tick(at)
+        self.learn(message)
         self._heard = at - (self._began or 0.0)
         if isinstance(message, Message) and isinstance(message, watched()):
             self.auditor.update(at - (self._began or 0.0), key, message)
             self._print()
+
+    def learn(self, message: object) -> None:
+        """Take the map that an agent's card names."""
+        from armadico.core.messages import Card
+        from armadico.observe.audit.live import learn
+
+        if isinstance(message, Card):
+            learn(self.auditor, message)
 
     def tick(self, at: float) -> None:
         """Judge that time has passed."""
@@ -312,6 +330,7 @@ def _live(args: Options, audit: _Audit) -> None:
 
         def learn(self, message: Message, t: float) -> None:
             self.view.learn(message, t)
+            audit.learn(message)
 
     signals: list[int] = []
     with robot.joined() as mesh:

@@ -12,8 +12,6 @@ from armadico.cli.parsing import Command, group, option
 from armadico.mesh.door import MCP
 from armadico.watch.beside import Helpers
 
-ASSISTANT: Final = "assistant"  # the agent, as installed
-
 EXAMPLES: Final = """\
   armadico mcp --world house
   claude mcp add robot -- armadico mcp --world house
@@ -37,6 +35,7 @@ def run(args: Options) -> int:
     from armadico.launch.client import Client
     from armadico.observe.watching import Watcher
     from armadico.watch.mcp.answers import Society
+    from armadico.watch.mcp.guest import ASSISTANT
     from armadico.watch.mcp.lines import Lines
     from armadico.watch.mcp.server import Server
 

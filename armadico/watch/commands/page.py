@@ -48,7 +48,7 @@ class Options:
     bind: str = options.bind_option("all machines that have the token")
     token: str | None = option(
         "access token, at least 16 characters; visible in this machine's process list, unlike"
-        f" ${TOKEN_VARIABLE} (default: with --bind, a random one)",
+        f" ${TOKEN_VARIABLE} (default: with --bind or keys, a random one)",
         metavar="T",
     )
     no_open: bool = flag("do not open a browser")
@@ -59,7 +59,7 @@ class Options:
 def run(args: Options) -> int:
     meshes = args.mesh.join_each(PAGE, starts=args.starting)
     world = options.world_of(args.world)
-    guard = _guard(args)
+    guard = _guard(args, closed=any(mesh.closed for mesh in meshes))
     options.end_as_by_ctrl_c()
     from armadico.watch.page.server import Server, ServerError
 
@@ -101,16 +101,16 @@ def made(
     return Session(robots, meshes, start)
 
 
-def _guard(args: Options) -> Guard:
+def _guard(args: Options, *, closed: bool) -> Guard:
     """The access control of the page. Raises UsageError."""
     from armadico.watch.page.guard import Guard, GuardError, is_loopback
 
     token = args.token or os.environ.get(TOKEN_VARIABLE) or None
-    if token is None and not is_loopback(args.bind):
+    if token is None and (closed or not is_loopback(args.bind)):
         token = secrets.token_urlsafe(24)
     name = socket.gethostname()
     try:
-        return Guard.of(args.bind, token, (name, f"{name}.local", args.bind))
+        return Guard.of(args.bind, token, (name, f"{name}.local", args.bind), closed=closed)
     except GuardError as error:
         raise UsageError(str(error)) from None
 
@@ -159,6 +159,8 @@ main: Final = Command(
     run,
     "Serve a page to watch and control the robot: a map to click on, stop and resume, missions,"
     " agents, which agent drives and why. It is served on this machine's loopback, or with --bind"
-    " to other machines that have the token. Ctrl-C ends it; the society continues.",
+    " to other machines. There, and in a society with keys, only who has the token of the link may"
+    " drive and release the stop; without it the page shows everything, and stops. Ctrl-C ends it;"
+    " the society continues.",
     EXAMPLES,
 )

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from armadico.core.messages import Cycle, RobotState
     from armadico.launch.client import Client
     from armadico.launch.processes import Process
+    from armadico.mesh.base import Mesh
     from armadico.watch.teleop.messages import Stick
 
 POLL_S: Final = 0.05  # the period of reading the keys
@@ -166,8 +167,13 @@ def run(args: Options) -> int:
             stack.enter_context(_started(args, client))
         print(KEYS)
         with _raw(sys.stdin.fileno()):
-            _drive(client, Hand(f"{_person()}-{secrets.token_hex(4)}"), sys.stdin.fileno())
+            _drive(client, Hand(_hand(client.mesh)), sys.stdin.fileno())
     return 0
+
+
+def _hand(mesh: Mesh) -> str:
+    """Return the id of this hand on the stick, which begins with the operator's name."""
+    return mesh.guest if mesh.closed else f"{_person()}-{secrets.token_hex(4)}"
 
 
 def _person() -> str:

@@ -40,7 +40,8 @@ class Guard:
     """The access rules.
 
     Attributes:
-        token: Required of every request; empty for none, on loopback only.
+        token: A browser that has it may drive, and release the stop; without it, it may look and
+            stop. Empty: every browser may, on loopback only.
         names: Names of this machine that are valid as Host, besides localhost.
     """
 
@@ -48,10 +49,13 @@ class Guard:
     names: frozenset[str] = frozenset()
 
     @classmethod
-    def of(cls, address: str, token: str | None, names: Iterable[str] = ()) -> Guard:
-        """The rules for a server on an address; all but loopback need a token.
+    def of(
+        cls, address: str, token: str | None, names: Iterable[str] = (), *, closed: bool = False
+    ) -> Guard:
+        """The rules for a server on an address.
 
-        Raises GuardError.
+        All but loopback need a token, and so does a `closed` society: its keys let this server
+        drive, and any program of this computer reaches it. Raises GuardError.
         """
         if not address:
             raise GuardError(
@@ -63,6 +67,8 @@ class Guard:
             raise GuardError("a token must consist of printable ASCII characters")
         if token is None and not is_loopback(address):
             raise GuardError(f"{address} is reachable from other machines, so it needs a token")
+        if token is None and closed:
+            raise GuardError("the society has keys, so its page needs a token")
         return cls(token or "", frozenset(name.lower() for name in names))
 
     def refusal(self, host: str | None, origin: str | None) -> Refusal | None:
@@ -76,12 +82,14 @@ class Guard:
             return Refusal(403, f"requests from pages of {_short(origin)} are not allowed")
         return None
 
+    def may(self, given: str | None) -> bool:
+        """Whether a browser with this token may drive the robot, and release its stop."""
+        return not self.token or (bool(given) and self.admit(given) is None)
+
     def admit(self, given: str | None) -> Refusal | None:
-        """None if a token is right, or if none is required; else why it is refused."""
-        if not self.token:
+        """None if a browser is served: its token is right, or it has none; else why it is not."""
+        if not (self.token and given):
             return None
-        if not given:
-            return Refusal(401, "a token is required: open the link that `armadico page` prints")
         data = given.encode(errors="surrogatepass")  # a header may contain invalid text
         if not hmac.compare_digest(data, self.token.encode()):
             return Refusal(401, "the token is wrong")

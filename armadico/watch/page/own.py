@@ -30,6 +30,7 @@ class Goals(Part):
     """Sends the robot to a place, as a mission."""
 
     requests = (Goto,)
+    queries = (MissionRequest,)
 
     def request(self, browser: str, request: Goto, t: float) -> None:  # noqa: ARG002
         theta = request.theta
@@ -60,6 +61,7 @@ class StopLatch(Part):
     """Stops the robot and releases the stop; both are repeated until the robot acknowledges."""
 
     requests = (Halt, Resume)
+    provides = (Stop,)
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
@@ -127,6 +129,9 @@ class StopLatch(Part):
                 self._close(False, f"stopped again by {browser}")
             press = self.desk.bits64()
             latching = Latching(stopped=True, by=browser, press=press)
+            if self.view.stopped(t) is not None:
+                assert self.view.state is not None, "it is fresh"
+                latching.on_robot_state(self.view.state, t)
             pressed = self._pressed = _Pressed(latching, press, True, since=t, repeat_at=t)
             self._press(pressed, t)
         pressed.requests.append((browser, number))
@@ -198,6 +203,7 @@ class Parameters(Part):
     """Shows the agents' parameters and sets them; the agent checks the range."""
 
     requests = (Tune,)
+    queries = (ParametersRequest,)
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)

@@ -43,6 +43,7 @@ class Processes(Part):
     """Reports of the wakeup agents, and orders to them: only they may end processes."""
 
     requests = (Restart,)
+    queries = (WakeupRequest,)
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)

@@ -178,10 +178,7 @@ class Server:
         refusal = self._guard.refusal(_one(headers, "Host"), _one(headers, "Origin"))
         path = request.path.partition("?")[0]
         if refusal is None and path in (SOCKET, ALLOWED):
-            token = bearer(_one(headers, "Authorization"))
-            if token is None:
-                token = token_in(_offered(headers))
-            refusal = self._guard.admit(token)
+            refusal = self._guard.admit(_token(headers))
             if refusal is None and path == SOCKET and len(self._browsers) >= MOST:
                 refusal = Refusal(503, f"{MOST} browsers are connected already")
         if refusal is not None:
@@ -199,10 +196,12 @@ class Server:
     async def _serve(self, connection: ServerConnection) -> None:
         peer = connection.remote_address
         # Unique across pages and restarts, so that no browser takes over another one's stick.
-        name = f"page {next(self._numbers)}-{self._own} at {peer[0] if peer else 'nowhere'}"
+        name = f"page-{next(self._numbers)}-{self._own} at {peer[0] if peer else 'nowhere'}"
         browser = self._browsers[name] = _Browser(connection)
         writing = asyncio.create_task(self._write(browser))
-        self._session.on_connect(name)
+        assert connection.request is not None, "its handshake is over"
+        may = self._guard.may(_token(connection.request.headers))
+        self._session.on_connect(name, may=may)
         try:
             async for data in connection:
                 self._session.on_message(name, data)
@@ -283,6 +282,12 @@ def _subprotocol(
 def _offered(headers: Headers) -> list[str]:
     found = headers.get_all("Sec-WebSocket-Protocol")
     return [word.strip() for line in found for word in line.split(",")]
+
+
+def _token(headers: Headers) -> str | None:
+    """The token of a request; browsers offer it as a subprotocol of a WebSocket."""
+    token = bearer(_one(headers, "Authorization"))
+    return token_in(_offered(headers)) if token is None else token
 
 
 def _one(headers: Headers, name: str) -> str | None:

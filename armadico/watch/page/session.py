@@ -30,6 +30,8 @@ TICK_S: Final = 0.5  # interval at which the time is sent, also without changes
 TUNED_S: Final = 5.0
 CARDS_S: Final = 0.8  # timeout of these queries
 
+LOOKING: Final = "that needs the token: open the link that `armadico page` prints"
+
 # Starts an agent for a namespace and returns immediately: an error, or an empty text.
 Spawns = Callable[[str, str], str]
 
@@ -61,6 +63,7 @@ class Session:
         self._spawn = spawn
         self._reader = reader()
         self._inbox = Inbox(meshes[0])
+        self._looking: set[str] = set()  # browsers without the token
         self._shown: dict[str, dict[tuple[str, str], bytes]] = {}
         self._show_at = self._query_at = self._tuned_at = self._tick_at = self._time.now()
         for namespace, mesh in self._meshes.items():
@@ -68,8 +71,9 @@ class Session:
 
     # Called from any thread ----------------------------------------------------------------------
 
-    def on_connect(self, browser: str) -> None:
-        self._inbox.put(f"browser {browser}", self._connected, browser)
+    def on_connect(self, browser: str, *, may: bool = True) -> None:
+        """Show a browser the robots; it `may` drive them, or look and stop them alone."""
+        self._inbox.put(f"browser {browser}", self._connected, browser, may)
 
     def on_message(self, browser: str, data: str | bytes) -> None:
         self._inbox.put(f"browser {browser}", self._received, browser, data)
@@ -107,16 +111,20 @@ class Session:
             self._show_at = now + TURN_S
             self._send_changes(now)
 
-    def _connected(self, browser: str) -> None:
+    def _connected(self, browser: str, may: bool) -> None:
         """Send the data that do not change, and the path driven so far."""
         self._shown[browser] = {}
+        if not may:
+            self._looking.add(browser)
         self._tuned_at = self._time.now()
         still = {ns: robot.fixed | {"trail": robot.trail} for ns, robot in self.robots.items()}
-        hello = {"type": "hello", "you": browser, "robots": still, "t": self._time.now()}
+        hello = {"type": "hello", "you": browser, "may": may, "robots": still}
+        hello["t"] = self._time.now()
         self._send(browser, hello)
 
     def _disconnected(self, browser: str) -> None:
         self._shown.pop(browser, None)
+        self._looking.discard(browser)
         for robot in self.robots.values():
             robot.leave(browser)
 
@@ -126,6 +134,8 @@ class Session:
         try:
             request = self._reader.read(data)
             number = request.id
+            if browser in self._looking and not request.free:
+                raise RequestError(LOOKING)
             self._robot(request).request(browser, request, self._time.now())
         except RequestError as error:
             number = max(number, error.id)

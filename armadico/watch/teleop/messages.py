@@ -68,5 +68,6 @@ event(
     fresh_cycles=3,
     several=True,
     sender="hand",
+    guests=True,
 )
 state(TeleopStatus, "teleop/status", 1, 3, "which hand drives; 10 Hz while one does")

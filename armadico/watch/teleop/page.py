@@ -44,6 +44,7 @@ class Hands(Part):
     """Passes the positions of all sticks on to the teleop agent."""
 
     requests = (Hold,)
+    provides = (Stick,)
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)

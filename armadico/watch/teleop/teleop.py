@@ -126,10 +126,9 @@ class Teleop(Behaviour):
         obstacles = self.fresh(Obstacles)
         assert obstacles is not None, "no behaviour bids without the messages that it needs"
         v, w = self._ramped(before, self._demand())
-        safe = limit(v, w, self.scene(obstacles), self.p.safety)
-        if abs(v - safe.v) > SLOWER or abs(w - safe.w) > SLOWER:
+        self._commanded = safe_v, safe_w = limit(v, w, self.scene(obstacles), self.p.safety)
+        if abs(v - safe_v) > SLOWER or abs(w - safe_w) > SLOWER:
             self._slower = "slower than the stick says: something is in the way"
-        self._commanded = safe.v, safe.w
         if not self._hand:
             return Bid(RELEASED, self._commanded, reason="the hand is off the stick: to rest")
         return Bid(UTILITY, self._commanded, reason=f"the hand of {self._hand}")

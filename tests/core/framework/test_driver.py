@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import ClassVar
 
 import pytest
+from msgspec.structs import replace
 
 from armadico.core.agent import Agent, Identity, Question
 from armadico.core.driver import OPEN_QUERIES, SLOW_S, Driver, Reply, SendQuery
 from armadico.core.membership import Stage
-from armadico.core.messages import PROTOCOL, Card, Log, Message, Stop, encode
+from armadico.core.messages import OLDEST, PROTOCOL, Card, Log, Message, Stop, encode
 from armadico.core.outgoing import Answer, Publish
 from armadico.mobile.messages import Plan, PlanRequest, Trajectory, Waypoint
 
@@ -52,9 +53,9 @@ def card(instance: str, tenure: int = 0) -> Card:
     return Card(name, instance, "lab3", 42, "1", PROTOCOL, (), (), (), tenure=tenure)
 
 
-def deliver(driver: Driver, message: Message, now: float) -> None:
+def deliver(driver: Driver, message: Message, now: float, key: str = "") -> None:
     (to,) = [to for to in driver.agent.kernel.subscriptions if to.message is type(message)]
-    driver.deliver(to, to.pattern, encode(message), now)
+    driver.deliver(to, key or to.pattern, encode(message), now)
 
 
 # Latched states -----------------------------------------------------------------------------------
@@ -65,8 +66,9 @@ def test_what_is_latched_is_remembered_however_far_it_has_come(stage: Stage) -> 
     """A stop that is published once, during the admission, is not lost."""
     agent, driver, now = begun(stage)
     assert driver.stage is stage
+    driver.token("interface", "interface-1", True, now)
     deliver(driver, STOP, now)
-    deliver(driver, MISSION, now)
+    deliver(driver, MISSION, now, "trajectory/interface-1")
     assert agent.memory.newest(Stop) == STOP
     assert agent.memory.newest(Trajectory) == MISSION
 
@@ -150,3 +152,20 @@ def test_slow_turns_are_counted_and_logged_once_a_minute() -> None:
     (line,) = logged(driver)
     assert "too slow: 3 turns in 6" in line
     assert "the longest took 0.31 s" in line
+
+
+def test_with_keys_an_agent_of_protocol_2_is_named_and_told_what_to_install() -> None:
+    _, driver, now = begun(Stage.JOINED)
+    driver.kernel.closed = True
+    driver.token("toy", "toy-1", True, now)
+    (query,) = [item for item in driver.drain() if isinstance(item, SendQuery)]
+    driver.on_reply(query.id, replace(card("toy-1"), protocol=OLDEST), now)
+    (text,) = [
+        item.message.text
+        for item in driver.drain()
+        if isinstance(item, Publish) and isinstance(item.message, Log)
+    ]
+    assert "toy-1 (host lab3, pid 42) uses protocol 2" in text
+    assert f"install the version of the others (protocol {PROTOCOL})" in text
+    assert "toy-1" in driver.kernel.foreign
+    assert not driver.kernel.elders, "nothing is published on the shared keys"

@@ -36,6 +36,7 @@ class FakeMesh(Reader, Monotonic):
 
     namespace = "fake"
     guest = "guest-1"
+    closed = False
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__()

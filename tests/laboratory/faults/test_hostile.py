@@ -9,7 +9,7 @@ from random import Random
 import pytest
 
 from armadico.core.messages import Claim, Command, Message, Stop, decode, next_count
-from armadico.core.services import service_of
+from armadico.core.services import RELEASE, service_of
 from armadico.launch.virtual_session import VirtualSession
 from armadico.watch.assistant.assistant import Assistant
 from armadico.watch.assistant.messages import AssistantRecord, AssistantReply, AssistantRequest
@@ -87,7 +87,7 @@ class Hostile:
         stop = self.agent.stopped
         if stop is not None and stop.by.startswith("assistant"):
             release = Stop(next_count(stop.counter), False, "a person", stop.press)
-            self.place.publish(service_of(Stop).key_for(instance="p"), release)
+            self.place.publish(RELEASE.key_for(instance="guest-p"), release)
 
 
 @pytest.mark.long(but=("702",))

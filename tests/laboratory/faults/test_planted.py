@@ -31,7 +31,7 @@ from armadico.mobile.geometry import Pose2
 from armadico.mobile.messages import Correction, Origin, Pose, Trajectory
 from armadico.mobile.obstacles import Obstacles
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.plan import AGENTS, Case, Fault, Outcome
+from armadico_tools.faults.plan import AGENTS, Case, Fault, Outcome, Variation
 from armadico_tools.faults.series import smallest
 from armadico_tools.faults.shrink import AFTER_S
 from armadico_tools.faults.workload import case_of, run, when_broken
@@ -366,6 +366,13 @@ _ENCODER = Fault("crash", 12.0, 1.0, ("encoder",))
 _INTERFACE = Fault("interface-restart", 8.0, 1.0, ("interface",))
 _IN_A_STOP = Fault("robot-restart", 10.0, 0.5, ("robot",))
 
+
+def with_pauses(scenario: str, planted: str) -> Case:
+    """To and fro for a while, with a stop; the robot rests after each mission."""
+    drive = case(_STOP, scenario=scenario, planted=planted, lasts=90.0)
+    return replace(drive, variation=Variation(pause=6.0))
+
+
 BUGS = (
     Bug(obeys_smaller_ballots, Promise.ONE_DRIVER, case(scenario="sc3", lasts=20.0)),
     Bug(obeys_old_cycles, Promise.FRESH, case(_LATE)),
@@ -401,7 +408,7 @@ BUGS = (
     Bug(rests_half_the_time, Promise.ARRIVES, case(scenario="sc3", lasts=60.0)),
     Bug(raises_when_an_agent_goes, Promise.NO_ERROR, case(_GONE)),
     *(
-        Bug(nothing_else, promise, case(_STOP, scenario=scenario, planted=name, lasts=90.0))
+        Bug(nothing_else, promise, with_pauses(scenario, name))
         for name, promise, scenario in (
             ("early", Promise.REACHED, "sc1"),
             ("fails", Promise.FAILED, "sc1"),
@@ -417,6 +424,15 @@ BUGS = (
             ("jumps", Promise.POSE, "sc1"),
             ("scaled", Promise.ODOMETRY, "sc3"),
             ("endless", Promise.ARRIVES, "sc1"),
+            ("straight", Promise.PATH, "sc4"),
+            ("keeps", Promise.HELD, "sc1"),
+            ("hides", Promise.SENSORS, "sc4"),
+            ("mirrored", Promise.SENSORS, "rooms-b"),
+            ("frozen", Promise.SENSORS, "rooms-b"),
+            ("spins", Promise.ORDERED, "sc4"),
+            ("doubled", Promise.BRAKES, "sc4"),
+            ("shifted", Promise.POSE, "rooms-a"),
+            ("aside", Promise.REACHED, "sc1"),
         )
     ),
     Bug(nothing_else, Promise.EARNED, by_laser("no-reflex")),

@@ -87,6 +87,29 @@ def test_it_abstains_where_the_front_is_not_clear() -> None:
     assert by_the_book.bid.utility == 1.0
 
 
+def test_a_holder_that_the_robot_agent_slows_down_keeps_the_wheels() -> None:
+    """At a lower speed and the same turn rate the arc would be tighter, and lead into a side."""
+    sides = [*between(0.42, -0.1), Point(0.5, -0.4)]
+    made = stage()
+    made.holding(points=sides)
+    made.capped = "an obstacle is in the way"
+    for _ in range(4):
+        made.cycle(points=sides)
+        assert made.bid.utility, made.bid.reason
+
+
+def test_a_holder_keeps_the_wheels_where_it_would_not_take_them() -> None:
+    """Readings vary: else it would take and release them in turn where the way is just clear."""
+    for ahead, bids in ((0.8, True), (0.55, False)):
+        made, other = stage(), stage()
+        made.holding(points=between(0.5))
+        points = [*between(0.5), *wall(ahead, -0.3, 0.3)]
+        for one in (made, other):
+            one.cycle(points=points)
+        assert bool(made.bid.utility) is bids
+        assert not other.bid.utility
+
+
 def test_it_does_not_leave_the_trajectory_for_the_middle_by_much() -> None:
     made = stage()
     made.cycle(points=between(0.5, 0.2))

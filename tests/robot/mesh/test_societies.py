@@ -47,6 +47,11 @@ class Toy(Agent):
         return Plan((), refusal=f"{self.instance} does not plan")
 
 
+class Stopping(Toy):
+    name = "stopping"
+    receives: ClassVar[tuple[type[Message], ...]] = (Stop,)
+
+
 class Foreign(Toy):
     """Speaks another protocol."""
 
@@ -142,15 +147,17 @@ def test_where_an_owner_speaks_its_protocol_it_may_join_beside_another(crowd: Cr
 def test_a_joining_agent_gets_the_tokens_and_the_latched_states(
     crowd: Crowd,
 ) -> None:
-    first, stop = joined(crowd, Toy), Stop(7, True, "tester", 1)
+    first, stop = joined(crowd, Stopping), Stop(7, True, "tester", 1)
 
     def has_stop(driver: Driver) -> bool:
         return driver.agent.memory.newest(Stop) == stop
 
     crowd.client.publish(stop)
     assert crowd.until(lambda: has_stop(first))
-    second = joined(crowd, Toy)
-    assert crowd.until(lambda: ("toy", first.agent.instance) in second.alive and has_stop(second))
+    second = joined(crowd, Stopping)
+    assert crowd.until(
+        lambda: ("stopping", first.agent.instance) in second.alive and has_stop(second)
+    )
 
 
 def test_cards_and_queries_are_answered(crowd: Crowd) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from math import cos, inf, sin
+from math import cos, inf, pi, sin
 
 import pytest
 from hypothesis import given, settings
@@ -40,7 +40,9 @@ from armadico.mobile.messages import (
 )
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe.audit.auditor import RULES, Auditor
+from armadico.observe.audit.missions import Leads
 from armadico.observe.audit.promises import Excuse, Finding, Promise
+from armadico.observe.audit.sensing import Fits, Sees
 
 GOTO, AVOID = "goto-0123456789ab", "avoid-0123456789ab"
 SURE = (1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4)
@@ -69,6 +71,7 @@ class Drive:
     ordered: float = 0.75
     commanded: float | None = None  # None: as ordered
     admitted: float | None = None  # None: as ordered
+    turns: float = 0.0  # ordered and admitted, rad/s
     truly: float = 1.0  # driven in truth, as a share of the odometry
     capped: str = ""
     holder: str = GOTO
@@ -78,6 +81,7 @@ class Drive:
     stalled: bool = False
     covariance: tuple[float, ...] = SURE
     ahead: tuple[Point, ...] = ()
+    renews: float = 1e-6  # m, by which obstacles move aside in a cycle
     waits: bool = False
     contacts: int = 0
     off: float = 0.0  # of the pose, m
@@ -119,22 +123,26 @@ class Drive:
         by = ballot if self.holder else None
         commanded = self.ordered if self.commanded is None else self.commanded
         if by is not None:
-            self.say(Command("wheels", cycle, by, (commanded, 0.0)))
+            self.say(Command("wheels", cycle, by, (commanded, self.turns)))
         self.say(
             Truth(self.now, self.truly * self.x, 0, 0, self.v, self.w, self.contacts, 1.0, "sim"),
             RobotState(
                 *(cycle, self.x, 0, self.theta, self.v, self.w, 12, True, self.stalled, self.stop),
                 fault=self.fault,
-                ordered=Twist(self.ordered, 0.0) if self.holder else rests,
-                admitted=Twist(admitted, 0.0) if self.holder else rests,
+                ordered=Twist(self.ordered, self.turns) if self.holder else rests,
+                admitted=Twist(admitted, self.turns) if self.holder else rests,
                 capped=self.capped,
                 driver=self.holder,
             ),
             Ack("wheels", cycle, ballot, by, cycle if by else None, 0.6, False, (self.v, 0.0)),
             Pose(cycle, self.x + self.off, 0, 0, self.covariance),
-            Obstacles(cycle, None, None, None, None, self.ahead),
+            Obstacles(cycle, None, None, None, None, self.points(self.ahead)),
             *self.says(self),
         )
+
+    def points(self, ahead: tuple[Point, ...]) -> tuple[Point, ...]:
+        """Obstacles in about these places: none stays exactly where it was."""
+        return tuple(replace(p, y=p.y + self.renews * self.number) for p in ahead)
 
     @property
     def found(self) -> list[tuple[Promise, str]]:
@@ -255,6 +263,12 @@ def obeys_otherwise(drive: Drive) -> None:
     drive.go(1, commanded=0.3)
 
 
+def spins(drive: Drive) -> None:
+    drive.go(3, turns=0.5, w=0.5)
+    assert Promise.ORDERED not in {promise for promise, _ in drive.found}
+    drive.go(3, w=0.8)
+
+
 def forgets_its_stop(drive: Drive) -> None:
     drive.go(1, stop=Stop(1, True, "anna", 7), **STANDS_STILL)
     drive.go(3, stop=Stop(2, False, "", 7))
@@ -305,12 +319,66 @@ def laser_repeats(drive: Drive) -> None:
     drive.go(3, says=scan)
 
 
-def sonar_is_biased(drive: Drive) -> None:
-    def readings(d: Drive) -> tuple[Message, ...]:
-        near = Truth(d.now, d.x, 0, 0, d.v, 0, 0, 0.5, "sim")
-        return near, Sonar(Cycle(1, d.number), 5.0, (echo(0.7 + 0.01 * (d.number % 5)),))
+WALL = (-5.0, 0.9, 40.0, 0.9)  # on its left
+LEFT = 0.5 * pi
 
-    drive.go(22, says=readings, ahead=(Point(0.7, 0.5),))
+
+def on_its_left(far: float | None, pose_y: float = 0.0) -> Callable[[Drive], tuple[Message, ...]]:
+    """A sonar's range, by a pose that is so far to the left."""
+
+    def says(d: Drive) -> tuple[Message, ...]:
+        cycle = Cycle(1, d.number)
+        return Pose(cycle, d.x, pose_y, 0, SURE), Sonar(cycle, 5.0, (echo(far, LEFT),))
+
+    return says
+
+
+def sonar_is_biased(drive: Drive) -> None:
+    drive.auditor.chart([WALL])
+    drive.go(11, says=on_its_left(1.0))
+
+
+def hides(drive: Drive) -> None:
+    def shown(y: float) -> Callable[[Drive], tuple[Message, ...]]:
+        def says(d: Drive) -> tuple[Message, ...]:
+            cycle = Cycle(1, d.number)
+            obstacles = Obstacles(cycle, None, None, None, None, d.points((Point(0.0, y),)))
+            return Sonar(cycle, 5.0, (echo(0.3, LEFT),)), obstacles
+
+        return says
+
+    drive.go(3, says=shown(0.5))
+    assert drive.found == []
+    drive.go(3, says=shown(-0.5))
+
+
+def is_blind_on_one_side(drive: Drive) -> None:
+    drive.auditor.chart([(x - 0.5, 0.9, x + 0.5, 0.9) for x in range(-2, 12)])
+    drive.go(4, says=on_its_left(0.7))
+    assert drive.found == []
+    drive.go(4, says=on_its_left(None))
+
+
+def freezes_its_obstacles(drive: Drive) -> None:
+    drive.go(2, ahead=(Point(1.0, 0.5),), renews=0.0)
+
+
+def plans_through_a_wall(drive: Drive) -> None:
+    drive.auditor.chart([(5.0, -1.0, 5.0, 1.0)])
+    drive.say(Trajectory(2, 1, (Waypoint(10.0, 0.0, 0.0),), planned=True))
+
+
+def holds_for_nothing(drive: Drive) -> None:
+    drive.go(1)
+    drive.end(MissionState.NONE)
+    drive.go(4, **STANDS_STILL)
+
+
+def falls_silent(drive: Drive) -> None:
+    for term in (2, 3, 4):
+        ballot, now = Ballot(term, 0.6, False, GOTO), 20 * term
+        for number in (now, now + 9):
+            drive.say(Ack("wheels", Cycle(1, number), ballot, ballot, Cycle(1, now)))
 
 
 TABLE = [
@@ -332,6 +400,7 @@ TABLE = [
     (never_ends, Promise.ARRIVES, "interface"),
     (brakes_weakly, Promise.BRAKES, "robot"),
     (obeys_otherwise, Promise.ORDERED, "robot"),
+    (spins, Promise.ORDERED, "robot"),
     (forgets_its_stop, Promise.STOP, "robot"),
     (counts_too_much, Promise.ODOMETRY, "robot"),
     (jumps, Promise.POSE, "localization"),
@@ -341,6 +410,12 @@ TABLE = [
     (sonar_repeats, Promise.SENSORS, "sonar"),
     (laser_repeats, Promise.SENSORS, "laser"),
     (sonar_is_biased, Promise.SENSORS, "sonar"),
+    (hides, Promise.SENSORS, "sonar"),
+    (is_blind_on_one_side, Promise.SENSORS, "sonar"),
+    (freezes_its_obstacles, Promise.SENSORS, "sonar"),
+    (plans_through_a_wall, Promise.PATH, "path-planning"),
+    (holds_for_nothing, Promise.HELD, "goto"),
+    (falls_silent, Promise.HELD, "goto"),
 ]
 
 
@@ -384,6 +459,17 @@ def test_what_looks_similar_is_no_finding(story: Story) -> None:
     assert drive.found == []
 
 
+def test_an_agent_may_drive_without_a_mission() -> None:
+    drive = Drive(mission=0)
+    drive.end(MissionState.NONE)
+    assert drive.go(10).found == []
+
+
+def test_a_scan_that_cannot_be_read_is_left_out() -> None:
+    broken = Scan(Cycle(1, 1), 0.1, 0, -1.0, 0.0, 8.0, b"1")
+    assert Drive().go(3, says=lambda _: (broken,)).found == []
+
+
 def test_readings_that_change_or_a_robot_that_stands_show_no_frozen_sensor() -> None:
     def changes(d: Drive) -> tuple[Message, ...]:
         return (Sonar(Cycle(1, d.number), 5.0, (echo(4.0 - 0.01 * d.number),)),)
@@ -391,6 +477,55 @@ def test_readings_that_change_or_a_robot_that_stands_show_no_frozen_sensor() -> 
     drive = Drive().go(3, says=changes)
     same = Sonar(Cycle(1, 1), 5.0, (echo(2.0),))
     drive.go(5, says=lambda _: (same,), v=0.0, ordered=0.0)
+    assert drive.found == []
+
+
+@pytest.mark.parametrize(
+    ("far", "pose_y", "found"),
+    [
+        (0.7, 0.0, []),  # on the wall
+        (0.7, 0.4, [(Promise.POSE, "localization")]),
+        (1.0, 0.0, [(Promise.SENSORS, "sonar")]),
+        (2.5, 0.0, []),  # too far to be exact
+    ],
+)
+def test_readings_off_the_map_are_the_sensors_or_the_poses(
+    far: float, pose_y: float, found: list[tuple[Promise, str]]
+) -> None:
+    drive = Drive(Auditor([Fits]))
+    drive.auditor.chart([WALL])
+    assert drive.go(20, says=on_its_left(far, pose_y)).found == found
+
+
+def test_without_a_map_what_needs_it_is_not_checked() -> None:
+    drive = Drive(Auditor([Fits, Leads])).go(2, says=on_its_left(1.0))
+    for each in drive.auditor.report():
+        assert each.answer is Answer.UNKNOWN
+        assert "map" in each.what
+
+
+def test_one_wall_of_the_map_that_is_gone_is_not_the_sensors_fault() -> None:
+    drive = Drive(Auditor([Sees]))
+    drive.auditor.chart([WALL])
+    assert drive.go(10, says=on_its_left(None)).found == []
+
+
+def test_while_it_is_lost_a_path_straight_to_the_goal_is_no_finding() -> None:
+    drive = Drive(Auditor([Leads]), covariance=LOST)
+    drive.auditor.chart([(5.0, -1.0, 5.0, 1.0)])
+    drive.go(1)
+    path = Trajectory(2, 1, (Waypoint(10.0, 0.0, 0.0),), planned=True)
+    drive.say(path)
+    drive.go(2, covariance=SURE).say(path)
+    assert drive.found == []
+    drive.go(5).say(path)
+    assert drive.found == [(Promise.PATH, "path-planning")]
+
+
+def test_a_path_from_behind_a_wall_by_the_poses_error_is_no_finding() -> None:
+    drive = Drive(Auditor([Leads]))
+    drive.auditor.chart([(0.2, -1.0, 0.2, 1.0)])
+    drive.say(Trajectory(2, 1, (Waypoint(10.0, 0.0, 0.0),), planned=True))
     assert drive.found == []
 
 

@@ -65,3 +65,16 @@ def test_an_open_port_is_shown_with_all_other_findings_and_is_not_wrong() -> Non
         assert (found.who, found.answer) == ("tcp/10.0.0.2:7447", Answer.YES)
         assert f"open: {found}" in short(findings)
         assert not any(each.sort is Sort.OPEN for each in diagnose(view, Demand()))
+
+
+def test_a_certificate_that_is_not_renewed_is_wrong_and_says_when_it_expires() -> None:
+    for view in (View(), seen(card("goto", "lab2"))):
+        demand = Demand(ending=lambda: {"robot1/goto": 2400.0, "robot1/avoid": -1.0})
+        findings = [each for each in diagnose(view, demand) if each.sort is Sort.EXPIRY]
+        assert {each.who: each.answer for each in findings} == {
+            "robot1/goto": Answer.NO,
+            "robot1/avoid": Answer.NO,
+        }
+        assert "expires in 40 min" in str(findings[0])
+        assert "has expired" in str(findings[1])
+        assert not any(each.sort is Sort.EXPIRY for each in diagnose(view, Demand()))

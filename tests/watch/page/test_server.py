@@ -31,10 +31,12 @@ class Desk:
     def __init__(self) -> None:
         self.browsers: Any = None
         self.here: list[str] = []
+        self.may: list[bool] = []
         self.received: list[str | bytes] = []
 
-    def on_connect(self, browser: str) -> None:
+    def on_connect(self, browser: str, *, may: bool = True) -> None:
         self.here.append(browser)
+        self.may.append(may)
         self.browsers.answer(browser, b'{"type":"hello"}')
 
     def on_message(self, browser: str, data: str | bytes) -> None:
@@ -144,14 +146,10 @@ def test_a_repeated_host_header_is_refused(place: Place) -> None:
         assert raw.recv(4096).split(b"\r\n")[0].split()[1] == b"403"
 
 
-def test_without_a_token_only_files_are_served(locked: Place) -> None:
-    assert locked.get("/")[0] == 200
-    status, why, _ = locked.get("/allowed")
-    assert (status, b"token" in why) == (401, True)
-    with pytest.raises(InvalidStatus) as refused:
-        locked.open()
-    assert refused.value.response.status_code == 401
-    assert not locked.desk.here
+def test_without_the_token_it_opens_to_look_and_stop(locked: Place) -> None:
+    assert locked.get("/allowed")[0] == 200
+    assert json.loads(locked.open().recv(SOON))["type"] == "hello"
+    assert locked.desk.may == [False]
 
 
 def test_a_wrong_token_is_refused(locked: Place) -> None:
@@ -167,6 +165,7 @@ def test_with_the_token_it_opens_and_the_token_is_not_repeated(locked: Place) ->
     opened = locked.open(f"http://{locked.name}", subprotocol(TOKEN))
     assert opened.subprotocol == PROTOCOL
     assert json.loads(opened.recv(SOON))["type"] == "hello"
+    assert locked.desk.may == [True]
 
 
 def test_a_page_of_another_server_is_refused_even_with_the_token(locked: Place) -> None:
@@ -194,7 +193,7 @@ def test_a_browsers_message_reaches_the_session_and_is_answered(place: Place) ->
     assert json.loads(opened.recv(SOON))["type"] == "answer"
     assert place.desk.received == ['{"do":"stop"}']
     (name,) = place.desk.here
-    assert re.fullmatch(rf"page 1-[0-9a-f]{{6}} at {LOOPBACK}", name)
+    assert re.fullmatch(rf"page-1-[0-9a-f]{{6}} at {LOOPBACK}", name)
 
 
 def test_a_message_that_is_too_long_ends_its_connection_and_no_other(place: Place) -> None:

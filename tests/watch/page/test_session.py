@@ -134,6 +134,30 @@ def test_it_stays_stopped_when_another_browser_sets_a_goal(stage: Stage) -> None
     assert off(stage, *there) < 0.01
 
 
+def test_a_browser_without_the_token_stops_the_robot_and_can_do_nothing_else(stage: Stage) -> None:
+    driving(stage)
+    stage.session.on_connect("looker", may=False)
+    stage.run_for(0.2)
+    assert stage.answer(stage.request("looker", "stop"))["ok"]
+    assert stage.parts["stop"]["held"]
+    press = stage.parts["stop"]["press"]
+    for do, words in {
+        "resume": {"press": press},
+        "go": {"x": 1.0, "y": 0.0},
+        "stick": {"v": 1.0, "w": 0.0, "cycle": 1},
+        "set": {"instance": "goto-1", "name": "v_max", "json": "1"},
+        "order": {"mission": "patrol"},
+        "restart": {"agent": "goto"},
+        "start": {"agent": "teleop"},
+    }.items():
+        answer = stage.answer(stage.request("looker", do, **words))
+        assert not answer["ok"]
+        assert "token" in answer["text"], do
+    stage.run_for(1.0)
+    assert stage.parts["stop"]["held"]
+    assert stage.answer(stage.request("page 1", "resume", press=press))["ok"]
+
+
 def test_within_400_ms_no_agent_commands_a_speed(stage: Stage) -> None:
     """After that only the controller's ramp remains."""
     commands: list[tuple[float, m.Command]] = []

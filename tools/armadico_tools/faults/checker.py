@@ -28,7 +28,7 @@ from armadico_tools.faults.motion import Moving, Silence, Smooth, Watchdog
 from armadico_tools.faults.observations import Observation, Published
 from armadico_tools.faults.pose import Localized
 from armadico_tools.faults.record import Bounds, Record
-from armadico_tools.faults.recovery import CommandObeyed, Moves, Remembered
+from armadico_tools.faults.recovery import CommandObeyed, Goes, Moves, Remembered
 from armadico_tools.faults.sightings import Sightings
 
 TOUCHES_M: Final = 0.1
@@ -65,6 +65,7 @@ class Checker:
     ) -> None:
         bounds = bounds or Bounds()
         self.auditor = Auditor(excuses=excuses, v_max=bounds.limit)
+        self.auditor.chart(bounds.walls)
         self.contacts: Counter[str] = Counter()  # by why; "": they break the promise
         self.record = Record(bounds)
         self.sights = Sightings()
@@ -88,6 +89,7 @@ class Checker:
             self._localized,
             self._moves,
             Remembered(),
+            Goes(),
         )
 
     @property

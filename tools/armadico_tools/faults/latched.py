@@ -31,13 +31,12 @@ class Stopped:
 
     def __init__(self, bounds: Bounds) -> None:
         self._bounds = bounds
-        self._counter: int | None = None  # of the acknowledged stop
-        self._release: int = -1  # the largest counter of a release
+        self._press: int | None = None  # of the acknowledged stop
+        self._releases: set[int] = set()  # the presses that they name
         self._rest_due = inf
         self._sent_at = inf  # when a stop was published that is not yet acknowledged
         self._lost_at: float | None = None  # since when the robot agent has forgotten the stop
-        self._stops: dict[int, int] = {}  # by press, the largest counter of that stop
-        self._over: set[int] = set()  # presses that were released
+        self._over: set[int] = set()  # presses whose release was acknowledged
         self._again_at: float | None = None  # since when a released stop is effective again
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
@@ -48,27 +47,26 @@ class Stopped:
                 self._receive(message, seen.at, now)
             elif isinstance(message, RobotState):
                 yield from self._acknowledged(message.stop, seen.at, now)
-            elif isinstance(message, Truth) and self._counter is not None:
+            elif isinstance(message, Truth) and self._press is not None:
                 yield from self._rests(message, seen.at, now)
-        elif isinstance(seen, Ordered) and self._counter is not None:
-            released = self._release > self._counter
-            if (seen.v or seen.w) and not released:
-                yield f"{seen.v:.3f} m/s, {seen.w:.3f} rad/s are ordered while it is stopped"
+        elif isinstance(seen, Ordered) and (seen.v or seen.w) and not self._may_move:
+            yield f"{seen.v:.3f} m/s, {seen.w:.3f} rad/s are ordered while it is stopped"
+
+    @property
+    def _may_move(self) -> bool:
+        return self._press is None or self._press in self._releases
 
     def _receive(self, stop: Stop, at: float, now: Record) -> None:
         if not stop.stopped:
-            self._release = max(self._release, stop.counter)
-            if stop.counter > self._stops.get(stop.press, -1):
-                self._over.add(stop.press)
+            self._releases.add(stop.press)
             self._sent_at = inf
             return
-        self._stops[stop.press] = max(stop.counter, self._stops.get(stop.press, 0))
-        if stop.press not in self._over and self._counter is None and not _away(now):
+        if stop.press not in self._releases and self._press is None and not _away(now):
             self._sent_at = min(self._sent_at, at)
 
     def _acknowledged(self, stop: Stop, at: float, now: Record) -> Iterator[str]:
-        if stop.stopped and stop.press not in self._over:
-            self._stops[stop.press] = max(stop.counter, self._stops.get(stop.press, 0))
+        if not stop.stopped and stop.press in self._releases:
+            self._over.add(stop.press)
         if not (stop.stopped and stop.press in self._over) or now.whole_for() < 0.0:
             self._again_at = None
         elif self._again_at is None:
@@ -77,24 +75,24 @@ class Stopped:
             self._again_at = inf
             yield f"a stop that was released stops it for {KNOWN_S:.0f} s"
         if stop.stopped:
-            if self._counter is None:
+            if self._press is None:
                 self._rest_due = at + self._bounds.braking_s
-            self._counter, self._sent_at, self._lost_at = stop.counter, inf, None
+            self._press, self._sent_at, self._lost_at = stop.press, inf, None
             return
         if _away(now):
             self._sent_at = inf
         if at - self._sent_at > LATCHED_S:
             self._sent_at = inf
             yield "a stop was published, and is not latched"
-        if self._counter is None:
+        if self._press is None:
             return
-        if self._release > self._counter:
-            self._counter, self._lost_at = None, None
+        if self._press in self._releases:
+            self._press, self._lost_at = None, None
             return
         if self._lost_at is None or now.whole_for() < 0.0:
             self._lost_at = at
         elif at - self._lost_at > KNOWN_S:
-            self._counter, self._lost_at = None, None
+            self._press, self._lost_at = None, None
             yield f"the stop is forgotten for {KNOWN_S:.0f} s, and was not released"
 
     def _rests(self, truth: Truth, at: float, now: Record) -> Iterator[str]:

@@ -8,6 +8,7 @@ from msgspec import Struct
 
 from armadico.core.messages import Ballot, BidRecord, Cycle, Message
 from armadico.core.resources import WHEELS
+from armadico.mobile.messages import Waypoint
 
 
 class Observation(Struct, frozen=True):
@@ -81,6 +82,13 @@ class Denied(Observation, frozen=True):
 
     instance: str
     why: str
+
+
+class Asked(Observation, frozen=True):
+    """A mission was accepted for a goal."""
+
+    mission: int
+    goal: Waypoint
 
 
 class Astray(Observation, frozen=True):

@@ -97,6 +97,9 @@ end: what is wrong then is wrong for good."""
 CALM_END_S: Final = 95.0
 """Length of the calm end of such a run, s."""
 
+PAUSE_S: Final = 6.0
+"""In a quarter of the seeds the robot has no mission for so long after each, s."""
+
 SWARM: Final = 0.5
 """The probability that a kind takes part in a seed. Runs with all kinds hide what only many of a
 few show (Groce et al., Swarm testing, 2012)."""
@@ -130,7 +133,8 @@ class Variation(Struct, frozen=True, omit_defaults=True):
 
     `delay` and `jitter`, s, are added to the delay that the virtual mesh draws for each message;
     `lease` is that of tokens, s. With `ties` simultaneous events run in random order. `margin` is
-    that of all agents (`social.margin`); None: the resource's own.
+    that of all agents (`social.margin`); None: the resource's own. `pause`, s, is the time from the
+    end of a mission to the next.
     """
 
     delay: Annotated[float, Meta(ge=0, le=1)] = 0.0
@@ -138,6 +142,7 @@ class Variation(Struct, frozen=True, omit_defaults=True):
     lease: Annotated[float, Meta(gt=0, le=60)] = LEASE
     ties: bool = False
     margin: Annotated[float, Meta(ge=0, le=1)] | None = None
+    pause: Annotated[float, Meta(ge=0, le=60)] = 0.0
 
 
 class Walker(Struct, frozen=True, array_like=True):
@@ -241,7 +246,7 @@ def vary(rng: Random) -> Variation:
     lease = rng.choice((LEASE, LEASE, 0.6, 2.0))
     ties = rng.random() < 0.5
     margin = rng.choice((None, None, 0.0, 0.1))
-    return Variation(delay, jitter, lease, ties, margin)
+    return Variation(delay, jitter, lease, ties, margin, rng.choice((0.0, 0.0, 0.0, PAUSE_S)))
 
 
 def draw(

@@ -13,11 +13,23 @@ from dataclasses import replace as alike
 from math import hypot
 from typing import Any, Final, NamedTuple
 
+import numpy as np
 from msgspec.structs import replace
 
 from armadico.core.agent import Agent
+from armadico.core.exchange import Bid
 from armadico.core.messages import Description, Message, RobotState
-from armadico.mobile.messages import Pose, Sonar
+from armadico.mobile.messages import (
+    Correction,
+    MissionRequest,
+    Plan,
+    PlanRequest,
+    Pose,
+    Scan,
+    Sonar,
+)
+from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.scans import bearings_of, packed, ranges_of
 from armadico_tools.faults.plan import Outcome
 
 GIVES_UP_M: Final = 1.5
@@ -41,6 +53,12 @@ BIAS_M: Final = 0.3
 LATE_S: Final = 0.8
 SCALE: Final = 1.1
 JUMP_M, JUMPS_EACH_S, JUMPS_S = 1.0, 15.0, 1.0
+IDLE: Final = 0.01
+"""The utility of an agent that keeps the wheels."""
+
+STALE_CYCLES, LAG_CYCLES = 10, 5
+FROZEN_CYCLES: Final = 20
+SHIFT_M, ASIDE_M, SPINS = 0.3, 0.5, 2.0
 BRAKES: Final = 3.0
 """The published deceleration, relative to the true one."""
 
@@ -158,6 +176,9 @@ def _flickers(goto: Any) -> None:
 
 def _biased(robot: Any) -> None:
     def change(message: Message) -> Message:
+        if isinstance(message, Scan):
+            ranges = ranges_of(message) + BIAS_M
+            return replace(message, packed=packed(ranges, 0.0, message.reach))
         if not isinstance(message, Sonar):
             return message
         echoes = tuple(
@@ -211,6 +232,151 @@ def _endless(interface: Any) -> None:
     _wrap(interface, "_arrived", lambda _method, _pose: False)
 
 
+def _straight(planner: Any) -> None:
+    def plan(_method: Callable[..., Any], request: PlanRequest) -> Plan:
+        far = hypot(request.goal.x - request.start.x, request.goal.y - request.start.y)
+        return Plan((request.goal,), far)
+
+    _wrap(planner, "_plan", plan)
+
+
+def _keeps(goto: Any) -> None:
+    def bid(method: Callable[..., Any], message: object) -> Bid:
+        return method(message) or Bid(IDLE, (0.0, 0.0), reason="it keeps the wheels")
+
+    _wrap(goto, "bid", bid)
+
+
+def _hides(perception: Any) -> None:
+    """As if one side's sensors were not read."""
+
+    def change(message: Message) -> Message:
+        if not isinstance(message, Obstacles):
+            return message
+        shown = tuple(p for p in message.points if p.y < 0.0)
+        nearest = min(shown, key=lambda p: hypot(p.x, p.y), default=None)
+        return replace(message, points=shown, closest=nearest, left=None)
+
+    _publishes(perception, change)
+
+
+def _mirrors(robot: Any) -> None:
+    def change(message: Message) -> Message:
+        if isinstance(message, Sonar):
+            echoes = tuple(replace(e, y=-e.y, bearing=-e.bearing) for e in message.echoes)
+            return replace(message, echoes=echoes)
+        if isinstance(message, Scan):
+            bearing, step = -message.bearing, -message.step
+            return replace(message, y=-message.y, bearing=bearing, step=step)
+        return message
+
+    _publishes(robot, change)
+
+
+def _stale(encoder: Any) -> None:
+    poses: deque[Pose] = deque()
+
+    def change(message: Message) -> Message:
+        if not isinstance(message, Pose):
+            return message
+        poses.append(message)
+        old = poses.popleft() if len(poses) > STALE_CYCLES else poses[0]
+        return replace(old, cycle=message.cycle)
+
+    _publishes(encoder, change)
+
+
+def _drives(robot: Any, change: Callable[[float, float], tuple[float, float]]) -> None:
+    """Order other speeds than are published."""
+
+    def linked(method: Callable[..., None], up: bool, why: str) -> None:
+        begins = robot._session is None
+        method(up, why)
+        if begins and robot._session is not None:
+            _wrap(robot._session, "drive", lambda drive, v, w: drive(*change(v, w)))
+
+    _wrap(robot, "on_link", linked)
+
+
+def _spins(robot: Any) -> None:
+    _drives(robot, lambda v, w: (v, SPINS * w))
+
+
+def _lags(robot: Any) -> None:
+    states: deque[RobotState] = deque()
+
+    def change(message: Message) -> Message:
+        if not isinstance(message, RobotState):
+            return message
+        states.append(message)
+        old = states.popleft() if len(states) > LAG_CYCLES else states[0]
+        return replace(message, x=old.x, y=old.y, theta=old.theta)
+
+    _publishes(robot, change)
+
+
+def _shifts(localization: Any) -> None:
+    def change(message: Message) -> Message:
+        return (
+            replace(message, x=message.x + SHIFT_M) if isinstance(message, Correction) else message
+        )
+
+    _publishes(localization, change)
+
+
+def _misses(interface: Any) -> None:
+    def consider(method: Callable[..., Any], question: Any, asked: MissionRequest) -> Any:
+        goal = replace(asked.goal, x=asked.goal.x + ASIDE_M)
+        return method(question, replace(asked, goal=goal))
+
+    _wrap(interface, "_consider", consider)
+
+
+def _blinds(robot: Any) -> None:
+    """As if the cable of one side were off."""
+
+    def change(message: Message) -> Message:
+        if isinstance(message, Sonar):
+            echoes = (e if e.bearing <= 0.0 else replace(e, range=None) for e in message.echoes)
+            return replace(message, echoes=tuple(echoes))
+        if isinstance(message, Scan):
+            ranges = np.where(np.sin(bearings_of(message)) > 0.0, np.inf, ranges_of(message))
+            return replace(message, packed=packed(ranges, 0.0, message.reach))
+        return message
+
+    _publishes(robot, change)
+
+
+def _doubles(robot: Any) -> None:
+    _drives(robot, lambda v, w: (2.0 * v, w))
+
+
+def _freezes(perception: Any) -> None:
+    kept: list[Obstacles] = []
+
+    def change(message: Message) -> Message:
+        if not isinstance(message, Obstacles):
+            return message
+        if not kept or message.cycle.number % FROZEN_CYCLES == 0:
+            kept[:] = [message]
+        return replace(kept[0], cycle=message.cycle)
+
+    _publishes(perception, change)
+
+
+def _is_sure(localization: Any) -> None:
+    """By readings that it does not use: it is moved, and certain."""
+
+    def change(message: Message) -> Message:
+        if not isinstance(message, Correction):
+            return message
+        turned = message.theta + 0.1
+        small = (1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4)
+        return replace(message, theta=turned, covariance=small)
+
+    _publishes(localization, change)
+
+
 DEFECTS: Final = {
     "lazy": Defect(f"goto stops {GIVES_UP_M:g} m before its goal", {"goto": _lazy}),
     "early": Defect(f"a mission is reached {EARLY_M:g} m before its goal", {"interface": _early}),
@@ -224,7 +390,7 @@ DEFECTS: Final = {
     "stands": Defect("goto takes the wheels and stands", {"goto": _stands}),
     "lost": Defect(f"the robot is lost for ever after {LOST_AFTER_S:g} s", {"encoder": _lost}),
     "flickers": Defect(f"goto withdraws its bid every {FLICKER} cycles", {"goto": _flickers}),
-    "biased": Defect(f"sonars are published {BIAS_M:g} m too long", {"robot": _biased}),
+    "biased": Defect(f"ranges are published {BIAS_M:g} m too long", {"robot": _biased}),
     "slow-brake": Defect(f"it brakes {BRAKES:g} times as slowly as described", {"robot": _brakes}),
     "late": Defect(f"the robot agent obeys each command {LATE_S:g} s late", {"robot": _late}),
     "scaled": Defect(f"the odometry counts {SCALE:g} times the way", {"robot": _scaled}),
@@ -232,6 +398,24 @@ DEFECTS: Final = {
         f"the pose jumps by {JUMP_M:g} m for {JUMPS_S:g} s at times", {"encoder": _jumps}
     ),
     "endless": Defect("a mission does not end at its goal", {"interface": _endless}),
+    "straight": Defect(
+        "paths lead straight to the goal, through walls", {"path-planning": _straight}
+    ),
+    "keeps": Defect("goto never releases the wheels", {"goto": _keeps}),
+    "hides": Defect("obstacles on the left are not published", {"sonar": _hides, "laser": _hides}),
+    "mirrored": Defect("readings are published with their sides swapped", {"robot": _mirrors}),
+    "stale-pose": Defect(f"each pose is {STALE_CYCLES} cycles old", {"encoder": _stale}),
+    "spins": Defect(f"the base turns {SPINS:g} times as fast as is ordered", {"robot": _spins}),
+    "late-odometry": Defect(f"the odometry is {LAG_CYCLES} cycles late", {"robot": _lags}),
+    "shifted": Defect(f"the map is shifted by {SHIFT_M:g} m", {"localization": _shifts}),
+    "blind": Defect("the sensors of the left read nothing", {"robot": _blinds}),
+    "doubled": Defect("the base drives twice as fast as is ordered", {"robot": _doubles}),
+    "frozen": Defect(
+        f"obstacles are published anew every {FROZEN_CYCLES} cycles",
+        {"sonar": _freezes, "laser": _freezes},
+    ),
+    "turned": Defect("the pose is turned, and certain", {"localization": _is_sure}),
+    "aside": Defect(f"a mission leads {ASIDE_M:g} m beside its goal", {"interface": _misses}),
 }
 """The defects by name."""
 

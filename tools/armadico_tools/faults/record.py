@@ -158,7 +158,7 @@ def bounds_of(scenario: Scenario) -> Bounds:
         drift_rad_m=sensors.drift_rad_m + slip,
         turn_error=sensors.turn_error + slip,
         outline=Outline(body.front_m, body.rear_m, body.width_m / 2.0),
-        walls=load_world(scenario.world).walls if scenario.world else (),
+        walls=load_world(scenario.world).outlines if scenario.world else (),
     )
 
 

@@ -7,9 +7,9 @@ from math import hypot, inf
 
 from armadico.core.messages import RobotState
 from armadico.mobile.geometry import wrap
-from armadico.mobile.messages import MissionState, MissionStatus
+from armadico.mobile.messages import MissionState, MissionStatus, Trajectory
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.observations import Observation, Published
+from armadico_tools.faults.observations import Asked, Observation, Published
 from armadico_tools.faults.record import MOVING_M_S, MOVING_RAD_S, Bounds, Record
 
 STANDS_BACK_S = 4.0
@@ -23,6 +23,9 @@ CRAWL_M, CRAWL_RAD = 0.005, 0.02
 
 FORGOTTEN_S = 2.0
 """A restarted interface agent receives the mission within this, in a whole network, s."""
+
+SAME_M = 0.01
+"""A goal keeps its place within this, m."""
 
 TURN_S = 1.0
 """In a whole network every contender has a turn within this, s."""
@@ -173,6 +176,29 @@ class Remembered:
             self._under_way, self._none_at = True, None
         elif state in (MissionState.REACHED, MissionState.FAILED):
             self._under_way = False
+
+
+class Goes:
+    """A mission's path ends at the goal that was asked for."""
+
+    promise = Promise.REACHED
+
+    def __init__(self) -> None:
+        self._asked: Asked | None = None
+
+    def check(self, seen: Observation, now: Record) -> Iterator[str]:  # noqa: ARG002
+        """At each path of the mission."""
+        if isinstance(seen, Asked):
+            self._asked = seen
+        elif isinstance(seen, Published) and isinstance(seen.message, Trajectory):
+            asked, path = self._asked, seen.message
+            if asked is None or path.mission != asked.mission or not path.waypoints:
+                return
+            end = path.waypoints[-1]
+            off = hypot(end.x - asked.goal.x, end.y - asked.goal.y)
+            if off > SAME_M:
+                self._asked = None
+                yield f"its path ends {off:.2f} m from the goal that was asked for"
 
 
 def _says_why(now: Record) -> bool:

@@ -63,6 +63,9 @@ CLIMB_S: Final = 0.02
 CLIMB: Final = 4
 """Cycles between rising states."""
 
+AGAIN_S: Final = 0.3
+"""Period of publishing a release, s."""
+
 BEYOND: Final = (JUMP, 3 * JUMP, LARGEST_COUNT // 2)
 """Counters of latched states beyond the known one: the largest that is accepted, and larger."""
 
@@ -144,7 +147,18 @@ class Stranger:
         self._counter += 1
         if stopped:
             self._press = self._presses.getrandbits(63)
-        self._publish(Stop(self._counter, stopped, INSTANCE, self._press))
+        message = Stop(self._counter, stopped, INSTANCE, self._press)
+        self._publish(message)
+        if not stopped:
+            self._mesh.call_at(self._mesh.now + AGAIN_S, self._publish_again, message)
+
+    def _publish_again(self, release: Stop, _: object = None) -> None:
+        """Publish a release until the robot agent has it, as programs do."""
+        if self._state is None or self._state.stop.press != release.press:
+            return
+        if self._state.stop.stopped:
+            self._publish(release)
+            self._mesh.call_at(self._mesh.now + AGAIN_S, self._publish_again, release)
 
     def _publish(self, message: Message, _a: object = None, _b: object = None) -> None:
         self._mesh.publish(message)

@@ -33,6 +33,7 @@ from armadico.mesh.virtual_network import Clock
 from armadico.mobile.errand import Errands
 from armadico.mobile.messages import (
     MissionReply,
+    MissionRequest,
     MissionState,
     MissionStatus,
     Pose,
@@ -49,6 +50,7 @@ from armadico_tools.faults.hand import Hand
 from armadico_tools.faults.injector import VirtualInjector
 from armadico_tools.faults.observations import (
     Arrived,
+    Asked,
     Astray,
     Bids,
     Denied,
@@ -133,6 +135,7 @@ class Workload:
         self._orders = _orders_of(self.rehearsal.scenario, options)
         self._heading_for = 0
         self._requested = self._ordered = False
+        self._rests_until = 0.0
         self._number = self._done = 0  # of the mission; of a fleet's list, and its tasks done
         self._none_at: float | None = None  # since when there is none
         self._under_way, self._doubt = MissionState.NONE, ""
@@ -311,9 +314,13 @@ class Workload:
         if self._requested or self._under_way in (MissionState.DRIVING, MissionState.PLANNING):
             return
         if self._under_way in (MissionState.REACHED, MissionState.FAILED):
-            reached = End.UNSURE if self._doubt else End.REACHED
-            self.ends[reached if self._under_way is MissionState.REACHED else End.FAILED] += 1
-            self._heading_for = 1 - self._heading_for
+            if self._ordered:
+                reached = End.UNSURE if self._doubt else End.REACHED
+                self.ends[reached if self._under_way is MissionState.REACHED else End.FAILED] += 1
+                self._heading_for, self._ordered = 1 - self._heading_for, False
+                self._rests_until = self.mesh.now + self.case.variation.pause
+            if self.mesh.now < self._rests_until:
+                return
         elif self._ordered:  # it was forgotten
             if self._none_at is None or self.mesh.now - self._none_at < 2 * FORGOTTEN_S:
                 return  # a restarted agent has a while to receive it
@@ -334,6 +341,9 @@ class Workload:
             return
         self._ordered, self._number, self._none_at = True, reply.mission, None
         self._under_way = MissionState.DRIVING
+        order = self._orders[self._heading_for % len(self._orders)]
+        if isinstance(order, MissionRequest):
+            self.observe(Asked(self.mesh.now, reply.mission, order.goal))
 
     def _on_progress(self, _key: str, message: Message, _now: float) -> None:
         if isinstance(message, Errands):

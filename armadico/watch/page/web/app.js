@@ -26,6 +26,7 @@ const number = (text) => (text.trim() === "" ? NaN : Number(text.replace(",", ".
 
 link.addEventListener("hello", ({ detail }) => {
   me = detail.you;
+  $("looking").hidden = detail.may;
   robots.clear();
   for (const [name, still] of Object.entries(detail.robots)) robots.set(name, { still, parts: {} });
   plan.hello(detail.robots);
@@ -51,9 +52,15 @@ link.addEventListener("remark", ({ detail }) => remark(detail.text, detail.ok));
 link.addEventListener("refused", ({ detail }) => {
   connection(null, detail.why);
   if (detail.status !== 401) return;
-  put($("doortext"), `${detail.why[0].toUpperCase()}${detail.why.slice(1)}.`);
-  if (!$("door").open) $("door").showModal();
+  ask(`${detail.why[0].toUpperCase()}${detail.why.slice(1)}.`);
 });
+$("looking").addEventListener("click", () => ask("Without it, this page shows the robot and stops it."));
+
+function ask(why) {
+  put($("doortext"), why);
+  if (!$("door").open) $("door").showModal();
+}
+
 $("key").addEventListener("submit", () => {
   sessionStorage.setItem("token", $("token").value.trim());
   link.open();

@@ -45,7 +45,9 @@ export class Link extends EventTarget {
     }
     const offered = known ? [PROTOCOL, subprotocol(known)] : [PROTOCOL];
     const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket`, offered);
+    const before = this.socket;
     this.socket = socket;
+    before?.close(); // opened again with another token
     socket.onmessage = (event) => this.#receive(JSON.parse(event.data));
     socket.onclose = () => this.#close(socket);
   }

@@ -1,0 +1,65 @@
+"""The map that a robot was launched with, as far as promises need it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import atan2, cos, hypot, sin
+from typing import NamedTuple
+
+import numpy as np
+
+from armadico.mobile.scans import Floats
+
+Wall = tuple[float, float, float, float]
+"""Both ends, m."""
+
+
+class Sight(NamedTuple):
+    """A wall: how far it is, m, its number, and the sine of the angle at which it is met."""
+
+    far: float
+    wall: int
+    square: float
+
+
+class Chart:
+    """The walls of a map, world frame, m."""
+
+    def __init__(self, walls: Iterable[Wall]) -> None:
+        ends = np.array([*walls], float).reshape(-1, 4)
+        self._from, self._along = ends[:, :2], ends[:, 2:] - ends[:, :2]
+        self._lengths = np.linalg.norm(self._along, axis=1)
+
+    def off(self, places: Floats) -> Floats:
+        """The distance of each place (n x 2) from the nearest wall, m; inf without walls."""
+        away = places[:, None, :] - self._from
+        square = np.maximum(self._lengths**2, 1e-12)
+        share = np.clip((away * self._along).sum(axis=2) / square, 0.0, 1.0)
+        distances = np.linalg.norm(away - share[..., None] * self._along, axis=2)
+        nearest: Floats = distances.min(axis=1, initial=np.inf)
+        return nearest
+
+    def ahead(self, x: float, y: float, bearing: float) -> Sight | None:
+        """The wall that is first met from a place (m) in a direction (rad); None: there is none."""
+        away, way = self._from - (x, y), np.array((cos(bearing), sin(bearing)))
+        across = _cross(way, self._along)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            far, on = _cross(away, self._along) / across, _cross(away, way) / across
+        far = np.where((far >= 0.0) & (on >= 0.0) & (on <= 1.0), far, np.inf)
+        if not far.size or far.min() == np.inf:
+            return None
+        wall = int(far.argmin())
+        return Sight(float(far[wall]), wall, float(abs(across[wall]) / self._lengths[wall]))
+
+    def crosses(self, x1: float, y1: float, x2: float, y2: float) -> tuple[float, float] | None:
+        """The place, m, at which a line first meets a wall; None: at none."""
+        bearing = atan2(y2 - y1, x2 - x1)
+        sight = self.ahead(x1, y1, bearing)
+        if sight is None or sight.far > hypot(x2 - x1, y2 - y1):
+            return None
+        return x1 + sight.far * cos(bearing), y1 + sight.far * sin(bearing)
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    product: Floats = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return product

@@ -1,0 +1,381 @@
+"""The porter of a robot's TLS port: who gets a link, how long it lasts, and what floods it."""
+
+from __future__ import annotations
+
+import os
+import socket
+import ssl
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import (
+    Encoding,
+    NoEncryption,
+    PrivateFormat,
+    load_pem_private_key,
+)
+
+from armadico.keys.asking import RENEWAL
+from armadico.keys.authority import Pair, create
+from armadico.keys.porter import LARGEST, LINKS_OF_A_NAME, Porter
+from armadico.mesh.ports import LOOPBACK
+
+from .conftest import NAMESPACE, Lab
+
+SOON = 20.0  # s; a deadline, not an expectation
+
+
+class Router:
+    """What stands behind the porter: it returns what it receives."""
+
+    def __init__(self, path: Path) -> None:
+        self._line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._line.bind(str(path))
+        self._line.listen()
+        self.links: list[socket.socket] = []
+        self.received = bytearray()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        with suppress(OSError):
+            while True:
+                link, _ = self._line.accept()
+                self.links.append(link)
+                threading.Thread(target=self._echo, args=(link,), daemon=True).start()
+
+    def _echo(self, link: socket.socket) -> None:
+        with suppress(OSError):
+            while data := link.recv(65_536):
+                self.received += data
+                link.sendall(data)
+
+    def close(self) -> None:
+        self._line.shutdown(socket.SHUT_RDWR)
+        self._line.close()
+        self._thread.join()
+        for link in self.links:
+            link.close()
+
+
+class Door:
+    """A porter at work, and clients of it."""
+
+    def __init__(self, lab: Lab, folder: Path, stack: ExitStack) -> None:
+        self.lab, self.stack, self.folder = lab, stack, folder
+        self.path = folder / "u.sock"
+        listening = stack.enter_context(socket.create_server((LOOPBACK, 0), backlog=1024))
+        self.place = listening.getsockname()
+        self.porter = Porter([listening], NAMESPACE, lab.store, self.path)
+        over, end = os.pipe()
+        thread = threading.Thread(target=self.porter.run, args=(over,))
+        thread.start()
+        stack.callback(self.porter.close)
+        stack.callback(thread.join)
+        stack.callback(os.close, end)
+
+    def start_router(self) -> Router:
+        router = Router(self.path)
+        self.stack.callback(router.close)
+        return router
+
+    def connect(
+        self, pair: Pair | None = None, name: str = "goto", *, asks: bool = False
+    ) -> ssl.SSLSocket:
+        """Connect with a certificate, by default the one of an identity in the lab's folder.
+
+        `asks`: as a client that asks for a new certificate.
+        """
+        context = ssl.create_default_context(cafile=str(self.lab.store.authority))
+        if asks:
+            context.set_alpn_protocols([RENEWAL])
+        if pair is not None:
+            file = self.folder / "pair.pem"
+            file.write_bytes(pair.private + pair.certificate)
+            context.load_cert_chain(file)
+        else:
+            found = self.lab.store.identity(NAMESPACE, name)
+            context.load_cert_chain(found.certificate, found.private)
+        return self._shaken(context)
+
+    def connect_without(self) -> ssl.SSLSocket:
+        return self._shaken(ssl.create_default_context(cafile=str(self.lab.store.authority)))
+
+    def _shaken(self, context: ssl.SSLContext) -> ssl.SSLSocket:
+        line = socket.create_connection(self.place, SOON)
+        self.stack.callback(line.close)
+        return self.stack.enter_context(context.wrap_socket(line, server_hostname=LOOPBACK))
+
+
+@pytest.fixture
+def open_door(tmp_path: Path) -> Iterator[Callable[[Lab], Door]]:
+    with ExitStack() as stack:
+        yield lambda lab: Door(lab, tmp_path, stack)
+
+
+@pytest.fixture
+def door(lab: Lab, open_door: Callable[[Lab], Door]) -> Door:
+    return open_door(lab)
+
+
+def works(link: ssl.SSLSocket, data: bytes = b"hello") -> bool:
+    """Whether what is sent comes back; False if the link is closed."""
+    try:
+        link.sendall(data)
+        back = b""
+        while len(back) < len(data):
+            if not (part := link.recv(65_536)):
+                return False
+            back += part
+    except TimeoutError:
+        raise
+    except OSError:
+        return False
+    return back == data
+
+
+def closes(link: ssl.SSLSocket) -> bool:
+    """Whether a link is closed, rather than silent for long."""
+    try:
+        return link.recv(1) == b""
+    except TimeoutError:
+        return False
+    except OSError:
+        return True
+
+
+# Who gets a link ----------------------------------------------------------------------------------
+
+
+def test_what_a_member_and_the_router_send_arrives_whole(door: Door) -> None:
+    door.start_router()
+    link = door.connect()
+    assert works(link)
+    sent = os.urandom(3 * LARGEST)
+    back = bytearray()
+
+    def read() -> None:
+        while len(back) < len(sent):
+            back.extend(link.recv(65_536))
+
+    reading = threading.Thread(target=read)
+    reading.start()
+    link.sendall(sent)
+    reading.join()
+    assert bytes(back) == sent
+
+
+def _foreign(_: Lab) -> Pair:
+    from armadico.keys.authority import issue
+
+    return issue(create("lab", datetime.now(UTC)), f"{NAMESPACE}/goto", datetime.now(UTC))
+
+
+def _nameless(lab: Lab) -> Pair:
+    key, now = Ed25519PrivateKey.generate(), datetime.now(UTC)
+    signer = load_pem_private_key(lab.pair.private, None)
+    assert isinstance(signer, Ed25519PrivateKey)
+    certificate = (
+        x509.CertificateBuilder()
+        .subject_name(x509.Name([]))
+        .issuer_name(x509.load_pem_x509_certificate(lab.pair.certificate).subject)
+        .public_key(key.public_key())
+        .serial_number(7)
+        .not_valid_before(now - timedelta(hours=1))
+        .not_valid_after(now + timedelta(hours=1))
+        .sign(signer, None)
+    )
+    private = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+    return Pair(certificate.public_bytes(Encoding.PEM), private)
+
+
+STRANGERS: dict[str, Callable[[Lab], Pair | None]] = {
+    "none": lambda _: None,
+    "foreign authority": _foreign,
+    "expired": lambda lab: lab.pair_of("goto", begins_s=-7200.0),
+    "not yet valid": lambda lab: lab.pair_of("goto", begins_s=7200.0),
+    "no common name": _nameless,
+    "another society's": lambda lab: lab.pair_of("robot2/goto", full=True),
+    "no member": lambda lab: lab.pair_of("gothrough"),
+    "a robot's name": lambda lab: lab.pair_of("goto/robot"),
+}
+
+
+@pytest.mark.parametrize("kind", STRANGERS)
+def test_a_stranger_reaches_no_router(door: Door, kind: str) -> None:
+    router = door.start_router()
+    pair = STRANGERS[kind](door.lab)
+    with suppress(OSError):  # the handshake may fail already
+        link = door.connect_without() if pair is None else door.connect(pair)
+        assert not works(link)
+    assert works(door.connect())
+    assert router.received == b"hello"
+
+
+def test_plain_tcp_and_noise_reach_no_router(door: Door) -> None:
+    router = door.start_router()
+    almost = b"\x16\x03\x01\xff\xff\x01" * 999
+    for data in (b"GET / HTTP/1.1\r\n\r\n", os.urandom(5000), almost):
+        with socket.create_connection(door.place, SOON) as line, suppress(OSError):
+            line.sendall(data)
+            line.recv(1)
+    assert works(door.connect())
+    assert router.received == b"hello"
+
+
+def test_a_member_that_opens_many_links_keeps_no_other_out(door: Door) -> None:
+    door.start_router()
+    links = [door.connect() for _ in range(LINKS_OF_A_NAME)]
+    assert works(links[-1])
+    with suppress(OSError):
+        assert not works(door.connect())
+    assert works(door.connect(name="avoid"))
+
+
+def test_a_member_that_comes_before_the_router_is_served_once_it_is_there(door: Door) -> None:
+    link = door.connect()
+    link.sendall(b"early")
+    door.start_router()
+    assert link.recv(5) == b"early"
+
+
+# How long it lasts --------------------------------------------------------------------------------
+
+
+def test_a_link_ends_with_its_certificate_and_what_was_sent_before_is_passed_on(
+    door: Door,
+) -> None:
+    router = door.start_router()
+    link = door.connect(door.lab.pair_of("goto", lives_s=2.0))
+    link.sendall(b"stop")
+    assert link.recv(4) == b"stop"
+    assert closes(link)
+    assert router.received == b"stop"
+
+
+def test_a_renewed_certificate_keeps_the_link(door: Door) -> None:
+    door.start_router()
+    link = door.connect(door.lab.pair_of("goto", lives_s=3.0))
+    other = door.connect(door.lab.pair_of("avoid", lives_s=4.0), name="avoid")
+    assert works(link)
+    assert works(other)
+
+    door.connect().close()  # shows the one of a day
+
+    assert closes(other)  # its time was over after that of the other one
+    assert works(link)
+
+
+def test_a_revoked_identity_is_out_and_the_others_stay(door: Door) -> None:
+    door.start_router()
+    link, other = door.connect(), door.connect(name="avoid")
+    assert works(link)
+    assert works(other)
+
+    door.lab.revoke("goto")
+
+    assert closes(link)
+    assert works(other)
+    with suppress(OSError):
+        assert not works(door.connect())
+
+
+def test_the_porters_own_certificate_is_read_again(door: Door) -> None:
+    door.start_router()
+    link = door.connect()
+    before = link.getpeercert(binary_form=True)
+
+    door.lab.give("robot", kind="robot")
+
+    def is_new() -> bool:
+        return door.connect().getpeercert(binary_form=True) != before
+
+    assert any(is_new() for _ in range(int(SOON * 100)))
+    assert works(link)
+
+
+def test_a_table_may_name_its_hosts_by_name_and_one_that_is_not_known_is_left_out(
+    door: Door,
+) -> None:
+    door.start_router()
+    door.porter.prefer(["no-such-host.invalid", "localhost", "10.0.0.7", "::1"])
+    assert {LOOPBACK, "10.0.0.7", "::/64"} <= door.porter._lobby.named
+    assert works(door.connect())
+
+
+# Floods -------------------------------------------------------------------------------------------
+
+
+def test_silent_connections_keep_no_member_out(door: Door) -> None:
+    door.start_router()
+    silent = [socket.create_connection(door.place, SOON) for _ in range(300)]
+    assert works(door.connect())
+    for line in silent:
+        line.close()
+
+
+@pytest.mark.parametrize("kind", ["noise", "handshakes"])
+def test_failed_handshakes_keep_no_member_out(door: Door, kind: str) -> None:
+    """A member at the same address needs a few attempts."""
+    door.start_router()
+    ends = threading.Event()
+
+    def flood() -> None:
+        context = ssl.create_default_context(cafile=str(door.lab.store.authority))
+        while not ends.wait(0.002):
+            with socket.create_connection(door.place, SOON) as line, suppress(OSError):
+                if kind == "noise":
+                    line.sendall(b"this is no handshake")
+                else:
+                    with context.wrap_socket(line, server_hostname=LOOPBACK) as link:
+                        link.recv(1)
+
+    def gets_in() -> bool:
+        with suppress(OSError):
+            return works(door.connect())
+        return False
+
+    flooding = [threading.Thread(target=flood) for _ in range(2)]
+    for each in flooding:
+        each.start()
+    try:
+        for _ in range(10):
+            assert any(gets_in() for _ in range(10))
+    finally:
+        ends.set()
+        for each in flooding:
+            each.join()
+
+
+def test_a_client_that_does_not_read_stops_no_other(door: Door) -> None:
+    door.start_router()
+    deaf = door.connect()
+    deaf.settimeout(0.5)
+    with suppress(OSError):
+        while True:
+            deaf.sendall(bytes(65_536))  # it comes back, and nobody reads it
+    assert works(door.connect(name="avoid"))
+
+
+def test_files_that_cannot_be_used_change_nothing(
+    door: Door, caplog: pytest.LogCaptureFixture
+) -> None:
+    door.start_router()
+    own = door.lab.store.identity(NAMESPACE, "robot")
+    good = own.certificate.read_bytes()
+    own.certificate.write_text("no certificate")
+    while "stay in use" not in caplog.text:
+        assert works(door.connect())
+    door.lab.revoke("avoid")  # the list is read with the rest
+    assert works(door.connect())
+
+    own.certificate.write_bytes(good)
+
+    link = door.connect(name="avoid")
+    assert not works(link) or closes(link)
