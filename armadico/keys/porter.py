@@ -296,8 +296,8 @@ class Porter:
 
     def _admit(self, link: Link, outer: ssl.SSLSocket) -> None:
         found = cast("dict[str, Any]", outer.getpeercert())
-        subject = dict(pair for part in found["subject"] for pair in part)
-        name = str(subject.get("commonName", ""))
+        names = [value for part in found["subject"] for key, value in part if key == "commonName"]
+        name = str(names[0]) if len(names) == 1 else ""  # several would be several identities
         if why := self._files.refusal(name) or self._crowd(name):
             self._turn_away(link, why)
             return
