@@ -211,8 +211,10 @@ class Mesh:
             from armadico.config.hosts import load_hosts
 
             table = load_hosts(named)
-            digest, port = table.digest, table.open_port
-            hosts = {name: host.agents for name, host in table.hosts.items()}
+            port = table.open_port
+            if len(self.connect) < 2:  # else it may be another robot of the fleet
+                digest = table.digest
+                hosts = {name: host.agents for name, host in table.hosts.items()}
         with suppress(TopologyError):  # no folder for sockets: nothing was started here
             here = [*shares(self.namespace)]
             hosts |= {share.host: share.agents for share in here}

@@ -147,9 +147,11 @@ def endpoints(
     named = table_of(hosts, host, connect)
     if named is None:
         return Endpoints(namespace=namespace, connect=connect)
-    from armadico.config.hosts import load_hosts  # seldom needed
+    from armadico.config.hosts import load_hosts, over_tls  # seldom needed
 
     table = load_hosts(named)
+    if table.keys is not None:
+        connect = tuple(map(over_tls, connect))
     if host is None:
         host = _by_address(table, passing=passing)
     else:
@@ -161,7 +163,8 @@ def endpoints(
             table.file,
         )
     for endpoint in connect:
-        if endpoint != (known := table.robots_router):
+        known = table.robots_router
+        if endpoint != known and endpoint not in table.fleet:
             raise ConfigError(
                 f"--connect {endpoint} contradicts the host table, whose robot is at"
                 f" {known or 'no address'}; leave out --connect, or --host and --hosts",

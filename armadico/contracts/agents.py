@@ -111,11 +111,18 @@ class AgentContract(Contract):
         unasked = done.asked - {*kind.queries, m.Ask}
         bad = [record.reason for record in done.bids if record.unsound]
         bids = [record for record in done.bids if record.utility is not None]
+        critical = {bid.resource for bid in bids if bid.critical}
+        critical -= {resource.name for resource in kind.critical_for}
         silent = [each.__name__ for each in kind.provides if each not in done.published]
         return all_of(
             (
                 whether(not unsaid, f"publishes {_names(unsaid)}", "add them to `provides`"),
                 whether(not unasked, f"queries {_names(unasked)}", "add them to `queries`"),
+                whether(
+                    not critical,
+                    f"bids critical for {', '.join(sorted(critical))}",
+                    "add the resource to `critical_for`",
+                ),
                 whether(not bad, f"an invalid bid: {bad[0] if bad else ''}"),
                 whether(
                     None if silent or (kind.competes_for and not bids) else True,

@@ -33,6 +33,11 @@ FOREIGN: Final = (
     " the computer of the robot's authority"
 )
 
+CLOSED: Final = (
+    "it closes the link: the key was revoked or made anew, or is not of this robot's society"
+    " (`armadico keys list` on the robot's computer)"
+)
+
 # By OpenSSL's name of the router's alert.
 ALERTS: Final = {
     "CERTIFICATE_EXPIRED": f"takes this certificate for expired or not valid yet: {CLOCK}; {RENEW}",
@@ -106,7 +111,8 @@ def _shaken(
         secure = context.wrap_socket(line, server_hostname=address)
         if waits:
             secure.settimeout(READ_S)
-            secure.recv(1)
+            if not secure.recv(1):
+                return CLOSED
     except TimeoutError:
         if secure is None:
             return "it accepts connections and answers no TLS: it is open, or it hangs"

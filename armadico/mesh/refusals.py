@@ -32,8 +32,9 @@ class Refusals:
             return answers(endpoint, within)
         from armadico.mesh.handshake import refusal  # slow, and seldom needed
 
-        # Only after a failure, as a router's objection takes a while.
-        why = refusal(endpoint, door, within, waits=endpoint in self._why)
+        # A router's objection takes a while. Of several routers those of other robots object.
+        waits = endpoint in self._why or len(self._where.connect) > 1
+        why = refusal(endpoint, door, within, waits=waits)
         if why is None:
             self._why.pop(endpoint, None)
         elif why:

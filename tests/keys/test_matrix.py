@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 import zenoh
 
+from armadico.core.messages import Log
 from armadico.keys.rights import Does, Table, covers, permits
 from armadico.mesh import sockets
 from armadico.mesh.door import ACCESS, MCP, PAGE, ROS2, SIMULATOR, USER, VIEWER, Door
@@ -315,6 +316,26 @@ def test_a_process_without_a_name_gets_no_link(lab: Lab) -> None:
         with pytest.raises(zenoh.ZError):
             zenoh.open(config)
     assert lab.router
+
+
+def test_a_process_logs_once_what_the_router_drops(
+    lab: Lab, caplog: pytest.LogCaptureFixture
+) -> None:
+    rules = lab.rights.expressions("goto")
+
+    def forbidden(does: str, key: str) -> str:
+        return "" if permits(*rules[Does(does)], key) else f"goto may not {does} {key}"
+
+    settings = {f"{USER}user": f"{NAMESPACE}/goto", f"{USER}password": "password"}
+    door = Door(f"{NAMESPACE}/goto", settings, forbidden=forbidden)
+    with ZenohMesh(NAMESPACE, topology(door=door)) as mesh:
+        assert mesh.wait_joined(ANSWER_S)
+        mesh.subscribe("robot/state", lambda *_: None)
+        mesh.subscribe("log/**", lambda *_: None)
+        for key in ("log/goto-1f", "log/avoid-1f", "log/avoid-1f"):
+            mesh.publish(key, Log(20, "text"))
+    told = [record.getMessage() for record in caplog.records]
+    assert told == ["goto may not declare_subscriber log/**", "goto may not put log/avoid-1f"]
 
 
 @every_identity

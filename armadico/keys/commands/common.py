@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -82,15 +81,18 @@ def addresses(table: HostTable) -> tuple[str, ...]:
     return () if name is None else table.host(name).addresses
 
 
-def issuer_of(society: Society, hours: float, users: Sequence[str] = ()) -> Issuer:
-    """The authority, with the identities of the table in its list. Raises ConfigError."""
+def issuer_of(society: Society, hours: float) -> Issuer:
+    """The authority, with the identities of the table in its list. Raises ConfigError.
+
+    Persons are listed once they get a key.
+    """
     from armadico.keys.issuing import Issuer
     from armadico.keys.members import of_table
 
     issuer = Issuer.of(society.store, hours)
     table = society.where.table
     if table is not None:
-        issuer.list_all(of_table(table, society.where.namespace, society.users(users)))
+        issuer.list_all(of_table(table, society.where.namespace, ()))
     return issuer
 
 
@@ -120,7 +122,6 @@ def given_out(
         into = Store(Path(folder, name))
         given = issuer.give(members, into, now(), addresses=known)
         archive(into.folder, name, file)
-        shutil.rmtree(into.folder)
     print(f"{file}: {_counted(given)}; unpack it beside the host table: tar -xf {file.name}")
     return given
 

@@ -41,7 +41,7 @@ def run(args: Options) -> int:
     from armadico.keys.members import of_host
 
     table, where, users = args.society.table, args.society.where, args.person
-    issuer = issuer_of(args.society, args.hours, users)
+    issuer = issuer_of(args.society, args.hours)
     members = of_host(table, args.name, where.namespace, args.society.users(users))
     here = args.out is None and args.name == where.name
     file = None if here else args.out or Path(f"{args.name}-keys.tar")

@@ -44,7 +44,7 @@ def run(args: Options) -> int:
             " there makes new ones, and --anew here another authority"
         )
     users = args.society.users(args.person)
-    issuer = issuer_of(args.society, args.hours, users)
+    issuer = issuer_of(args.society, args.hours)
     if where.name is None:  # it only issues, and its users command
         members = tuple(member for user in users for member in for_person(namespace, user))
     else:

@@ -167,3 +167,13 @@ def test_every_command_knows_the_open_port_by_the_table_or_by_what_runs_here(tab
     with PidFile("places", "lab1") as file:
         file.write(Share(1, "lab1", "places", ("goto",), "", "tcp/203.0.113.1:7447"))
         assert Mesh(namespace="places").demand().open == "tcp/203.0.113.1:7447"
+
+
+def test_the_robots_of_a_fleet_are_reached_by_one_table_and_its_keys(table: Path) -> None:
+    robots = ("tcp/203.0.113.1:7447", "tcp/203.0.113.9:7447")
+    table.write_text(f"keys = 'keys'\nfleet = {list(robots)}\n{TABLE}")
+    where = found(hosts=table, connect=robots, passing=True)
+    assert where.connect == ("tls/203.0.113.1:7447", "tls/203.0.113.9:7447")
+    assert where.keys == table.parent / "keys"
+    with pytest.raises(ConfigError, match=r"--connect tls/203\.0\.113\.8:7447 contradicts"):
+        found(hosts=table, connect=("tcp/203.0.113.8:7447",), passing=True)
