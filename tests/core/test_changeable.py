@@ -177,19 +177,28 @@ def remembered(*entries: tuple[str, str, str], counter: int = 1, by: int = 7) ->
     return Tuning(counter, by, rows)
 
 
-def deliver(driver: Driver, outputs: Tuning) -> list[Any]:
+def deliver(driver: Driver, outputs: Tuning, by: str = "toy-7") -> list[Any]:
     (to,) = (to for to in driver.agent.kernel.subscriptions if to.message is Tuning)
-    driver.deliver(to, to.pattern, encode(outputs), 2.0)
+    driver.token(by.rpartition("-")[0], by, True, 2.0)
+    driver.deliver(to, f"tuning/{by}", encode(outputs), 2.0)
     return driver.drain()
 
 
-def test_settings_are_shared_beside_those_of_other_agents() -> None:
+def test_an_agent_shares_its_own_settings_alone() -> None:
     _, driver = toy()
-    deliver(driver, remembered(("other", "x", "1")))
+    deliver(driver, remembered(("other", "x", "1"), counter=4), "other-1")
     _, outputs = query(driver, ("v_max", "0.25"))
-    (tuning,) = tunings(outputs)
-    assert tuning.counter == 2
-    assert tuning.settings == remembered(("other", "x", "1"), ("toy", "v_max", "0.25")).settings
+    assert [each.settings for each in tunings(outputs)] == [
+        remembered(("toy", "v_max", "0.25")).settings
+    ]
+
+
+def test_settings_in_the_name_of_another_agent_are_refused() -> None:
+    agent, driver = toy()
+    deliver(driver, remembered(("toy", "v_max", "0.25")), "other-1")
+    assert agent.p == Parameters()
+    deliver(driver, remembered(("toy", "v_max", "0.25")))
+    assert agent.p == Parameters(v_max=0.25)
 
 
 def test_a_restarted_agent_gets_its_settings() -> None:
@@ -200,7 +209,7 @@ def test_a_restarted_agent_gets_its_settings() -> None:
         if joined:
             driver.begin(0.0)
             driver.drain()
-        outputs = deliver(driver, remembered(("toy", "v_max", "0.25"), ("other", "v_max", "3.0")))
+        outputs = deliver(driver, remembered(("toy", "v_max", "0.25")))
         if not joined:
             driver.begin(0.0)
             outputs = driver.drain()
@@ -224,37 +233,30 @@ def test_settings_that_are_invalid_now_are_ignored_and_logged() -> None:
 
 
 def test_left_out_settings_are_added_again_and_that_ends() -> None:
-    """Two agents are changed at once, and each publishes a list without the other's."""
-    agents = {name: toy_named(name) for name in ("one", "two")}
-    outputs = {}
-    for name, (_, driver) in agents.items():
-        key = f"agent/{name}/{name}-1/parameters"
-        request = ParametersRequest((Setting("v_max", "0.25"),), "ann")
-        driver.on_query(key, encode(request), "call", 1.0)
-        outputs[name] = tunings(driver.drain())
-    queue = [*outputs["one"], *outputs["two"]]
+    """Two instances are changed at once, and each publishes a list without the other's."""
+    queue: list[tuple[str, Tuning]] = []
+    drivers = {name: driven(Toy(Identity(name))) for name in ("toy-1", "toy-2")}
+    for (name, driver), change in zip(
+        drivers.items(), (Setting("v_max", "0.25"), Setting("tries", "4")), strict=True
+    ):
+        request = ParametersRequest((change,), "ann")
+        driver.on_query(f"agent/toy/{name}/parameters", encode(request), "call", 1.0)
+        queue += [(name, each) for each in tunings(driver.drain())]
     for _ in range(10):
-        if not queue:
-            break
         received, queue = queue, []
-        for message in received:
-            for _, driver in agents.values():
-                queue += tunings(deliver(driver, message))
+        for by, message in received:
+            for name, driver in drivers.items():
+                queue += [(name, each) for each in tunings(deliver(driver, message, by))]
     assert not queue, "it does not end"
-    known = [driver.agent.memory.newest(Tuning) for _, driver in agents.values()]
-    assert known[0] == known[1]
-    assert {row.agent for row in known[0].settings} == {"one", "two"}
+    for driver in drivers.values():
+        assert driver.agent.p == Parameters(v_max=0.25, tries=4)
 
 
-def toy_named(called: str) -> tuple[Toy, Driver]:
-    class Named(Toy):
-        name = called
-
-    agent = Named(Identity(f"{called}-1"))
+def driven(agent: Toy) -> Driver:
     driver = Driver(agent, 0.0, admit=False)
     driver.begin(0.0)
     driver.drain()
-    return agent, driver
+    return driver
 
 
 def test_an_agent_without_changeable_parameters_refuses() -> None:

@@ -946,7 +946,7 @@ def test_a_stop_by_a_person_postpones_the_due_time_and_is_stated(driving: Desk) 
         driving.state(Stop(1, True, "operator"))
         driving.give(Pose(driving.at, 0.0, 0.0, 0.0, covariance(0.0)))
     assert driving.last(MissionStatus).late == ""
-    driving.give(Stop(2, False, "operator"))
+    driving.state(Stop(2, False, "operator"))
     drive(driving, 60.0, 0.01)
     late = driving.last(MissionStatus).late
     assert "goto drives too slowly" in late
