@@ -32,7 +32,7 @@ from armadico.mesh.zenoh import ZenohMesh
 
 from .conftest import NAMESPACE, Lab
 
-pytestmark = pytest.mark.live
+pytestmark = [pytest.mark.live, pytest.mark.long]
 
 SOON = 20.0  # s; a deadline, not an expectation
 LINE = Log(20, "here I am")

@@ -13,7 +13,7 @@ from armadico.mesh.sockets import RUNTIME_VARIABLE
 from armadico.mesh.topology import HOSTS_VARIABLE, NAMESPACE_VARIABLE
 from tests.programs import Done, call, starter
 
-pytestmark = pytest.mark.live
+pytestmark = [pytest.mark.live, pytest.mark.long]
 
 TABLE = """\
 keys = "keys"
@@ -65,7 +65,9 @@ def test_a_society_with_keys_needs_no_further_option(folder: Path) -> None:
 
         # On the robot's computer by its socket, without the table; elsewhere by TLS.
         for words, env in (((), here), (of_lab2, elsewhere)):
-            found = json.loads(call("ps", "--json", *words, env=env).stdout)
+            listed = call("ps", "--json", *words, env=env)
+            assert listed.stdout, listed
+            found = json.loads(listed.stdout)
             names = {agent["name"] for agent in found["agents"]}
             assert {"robot", "encoder", "interface", "goto", "avoid"} <= names
             assert "stopped" in does("stop", *words, env=env).stdout
