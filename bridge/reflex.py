@@ -19,7 +19,7 @@ from armadico.bridge.seen import Seen
 from armadico.bridge.session import Reported
 from armadico.config.profile import RobotProfile
 from armadico.core.config_errors import ConfigError
-from armadico.mobile.admissible import CREEP_M_S, TOO_LATE, View, admit
+from armadico.mobile.admissible import CREEP_M_S, TOUCH_M, View, admit
 from armadico.mobile.geometry import Pose2, turning_circle
 from armadico.mobile.messages import Echo, Scan
 from armadico.mobile.motion import Body, Speeds, ordered, ramped
@@ -31,12 +31,6 @@ REACTION_CYCLES, REACTION_S = 2.0, 0.2
 ROOM_M = 0.5
 """Longest way to rest from the slowest motion. A robot that needs more could do nothing in a room
 that leaves so much around it."""
-
-MOST_M = 5.0
-"""Cells farther away are not kept, however fast the robot is: they would take too long."""
-
-BEYOND_M = 0.1
-"""More than the margins of a rule, m."""
 
 REPORT_S = 2.0
 """Least time between two reports of capped speeds."""
@@ -72,9 +66,8 @@ class Reflex:
             limits.w_decel,
         )
         _check_stops(profile.name, self._body)
-        self._seen = Seen(profile, min(self._reach(limits.v_max), MOST_M))
+        self._seen = Seen(profile)
         self._view: View | None = None  # computed when it is first needed in a cycle
-        self._shows = 0.0  # how far that view goes, m
         self._measured: tuple[Speeds, Speeds] = ((0.0, 0.0), (0.0, 0.0))  # a cycle ago, and now
         self._ramped: Speeds = (0.0, 0.0)  # where the ramps are, by what was driven
         self._now = 0.0
@@ -113,23 +106,22 @@ class Reflex:
         self.why = ""
         if v == 0.0 and w == 0.0:
             return v, w
+        if self._view is None:
+            self._view = self._seen.view(self._within)
         # What was commanded just now does not show in the measured speeds yet.
         trend = ordered(self._body, *self._measured)
         going = max(trend[0], self._ramped[0], key=abs), max(trend[1], self._ramped[1], key=abs)
-        within = self._reach(max(abs(going[0]), abs(v)))
-        if self._view is None or within > self._shows:
-            self._view, self._shows = self._seen.view(within), within
         safe_v, safe_w, self.why = admit(self._body, trend, (v, w), self._view, also=going)
-        if self.why == TOO_LATE:
-            # As far as it can brake until the next cycle, where the next readings decide again.
-            safe_v, safe_w = ramped(self._body, self._ramped, (0.0, 0.0), self._body.cycle_s)
         if self.why:
             self._capped, self._count = ((v, w), (safe_v, safe_w)), self._count + 1
         return safe_v, safe_w
 
-    def _reach(self, v: float) -> float:
-        """The distance beyond which nothing matters at a speed (m/s), m."""
-        return self._body.stopping_distance(v) + turning_circle(*self._body.outline) + BEYOND_M
+    @property
+    def _within(self) -> float:
+        """The distance beyond which nothing matters, m."""
+        body, outline = self._body, self._body.outline
+        v = max(abs(self._measured[1][0]), body.v_max)
+        return body.stopping_distance(v) + turning_circle(*outline) + TOUCH_M
 
     def complaint(self, now: float) -> str | None:
         """A report of the commands changed since the last one; None: none, or reported just now."""
