@@ -72,7 +72,9 @@ def test_a_stray_state_is_refused_by_all_and_no_watcher_takes_it_for_the_robots(
     spied = Spied(Fault("stray-state", 6.0, 1.0, ALL))
     spied.run()
     epochs = [m.cycle.epoch for m in spied.received["goto"] if isinstance(m, RobotState)]
-    refused = {line.partition("-")[0] for line in spied.lines if f"robot/state: {NOT_CURRENT}" in line}
+    refused = {
+        line.partition("-")[0] for line in spied.lines if f"robot/state: {NOT_CURRENT}" in line
+    }
     assert {"goto", "encoder", "sonar", "interface"} <= refused
     state = spied.checker.record.owner.state
     assert state is not None
