@@ -65,17 +65,6 @@ UNMAPPED_GAIN: Final = 0.1
 """Weight of the newest scan in the running estimate of that share. During a fast turn few particles
 fit, which must not count as an unmapped place."""
 
-FAST, SLOW = 0.2, 0.02
-"""Weights of the newest scan in running means of the fit. The usual fit rises by the first, and
-falls by the second, as where fewer walls are mapped."""
-
-SLIPS: Final = 0.8
-"""Below this share of the usual fit the wheels may slip: the particles do not follow the robot."""
-
-SLIP_M, SLIP_RAD = 0.15, 0.15
-"""The particles' spread per unit of that share below `SLIPS`, with each scan, m and rad. Chosen on
-simulated slips of 30 to 80 %; on the real logs the errors did not change."""
-
 REFUTED, REFUTED_MOST = 0.6, 1.8
 """Evidence against the particles' place, in nats, beyond which the readings contradict it, and the
 most that is accumulated: echoes that fit then take a few cycles to outweigh it. This and `chance`
@@ -187,7 +176,6 @@ class MonteCarlo:
         self._logs: deque[float] = deque(maxlen=settings.judged)  # of the newest likelihoods
         self._weigh_against(0.0)
         self._hits = MAPPED_HITS  # running mean over the rays
-        self._fits: tuple[float, float] | None = None  # of scans, lately and usually
         self.history = History(settings.search)
         self.bound = Bound(odometry)  # of the estimate's covariance
 
@@ -225,7 +213,7 @@ class MonteCarlo:
         self.history.clear()
         self._logs.clear()
         self._weigh_against(0.0)
-        self._hits, self._fits = MAPPED_HITS, None
+        self._hits = MAPPED_HITS
         self._moved = self._turned = inf
 
     def _uncalibrated(self, n: int, share: float = 1.0) -> Poses:
@@ -296,10 +284,8 @@ class MonteCarlo:
         heard = [echo.range is not None for echo in echoes]  # silence fits almost anywhere
         against = self.settings.trust * float((log(self.settings.chance) - logs[heard]).sum())
         self._weigh_against(self._against + against)
-        slips = 0.0
         if self.settings.adaptive and not self.lost:
             likelihood = self._without_unmapped(likelihood)
-            slips = self._slips(exp(float(logs.mean())))
         trust = self.settings.doubtful if self.lost else self.settings.trust
         logs = trust * np.einsum("ij->i", np.log(likelihood), dtype=np.float64)  # faster than sum
         if self._fits_in is not None:
@@ -308,21 +294,6 @@ class MonteCarlo:
         self.weights = self._weighed(logs)
         if 1.0 / float(self.weights @ self.weights) < 0.5 * len(self.poses):
             self._resample()
-        if slips > 0.0:
-            spread = np.array([SLIP_M, SLIP_M, SLIP_RAD], dtype=np.float32) * np.float32(slips)
-            self.poses += spread * self._rng.standard_normal(self.poses.shape, dtype=np.float32)
-
-    def _slips(self, fit: float) -> float:
-        """How much worse scans fit lately than before, 0 to 1, beyond what is usual.
-
-        The motion model has the errors of wheels that roll. Where they slip, or a person pushes the
-        robot, the particles would stay together at a place where the scans fit less and less.
-        """
-        lately, usual = self._fits or (fit, fit)
-        lately += FAST * (fit - lately)
-        usual += (FAST if fit > usual else SLOW) * (fit - usual)
-        self._fits = lately, usual
-        return max(0.0, SLIPS - lately / usual)
 
     def tell(self, pose: Pose2, echoes: Sequence[Echo]) -> None:
         """Narrow the bound by what readings tell at a pose."""

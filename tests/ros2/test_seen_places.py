@@ -32,7 +32,6 @@ GRID = Grid(WORLD.outlines, WORLD.bounds)
 REAL = load_entry(find("robots", "sensors"), SensorProfile, "real")
 LASER = load_profile("jackal").laser
 START: Pose2 = (2.2, 4.4, 0.3)
-Pair = tuple[float, float]
 
 
 def scanner() -> LaserScanner:
@@ -104,14 +103,12 @@ class Society:
         self.agent = Localization(Identity("localization-1", rng=Random(1)), parameters)
         self.sees, self.pose, self.now, self.number = scanner(), START, 0.0, 0
         self.odometry: Pose2 = (0.0, 0.0, 0.0)
-        self.slips = (1.03, 0.97)  # what its wheels count, over its motion: ahead, and turning
 
     def cycle(self, motion: Pose2 = (0.04, 0.0, 0.02), *, scans: bool = True) -> Correction | None:
         self.now += 0.1
         self.number += 1
         self.pose = compose(self.pose, motion)
-        ways, turns = self.slips
-        self.odometry = compose(self.odometry, (ways * motion[0], 0.0, turns * motion[2]))
+        self.odometry = compose(self.odometry, (1.03 * motion[0], 0.0, 0.97 * motion[2]))
         cycle = Cycle(1, self.number)
         take = self.agent.kernel.receive
         take(RobotState(cycle, *self.odometry, 0.4, 0, 12, True, False), self.now)
@@ -140,23 +137,6 @@ def test_a_robot_with_a_laser_knows_where_it_is_to_centimetres() -> None:
     assert society.off(correction) < 0.03
     assert correction.confidence > 0.9
     assert correction.covariance[0] + correction.covariance[3] < 0.05**2
-
-
-@pytest.mark.parametrize("slips", [(1.8, 0.6), (0.5, 1.5)])
-def test_a_robot_whose_wheels_slipped_soon_knows_its_place_again(slips: Pair) -> None:
-    """The motion model covers wheels that roll: alone it left the particles behind for good."""
-    society = Society(JACKAL)
-    for _ in range(30):
-        society.cycle()
-    society.slips, worst = slips, 0.0
-    for step in range(70):
-        if step == 30:
-            society.slips = (1.03, 0.97)
-        correction = society.cycle()
-        assert correction is not None
-        worst = max(worst, society.off(correction))
-    assert worst < 0.25
-    assert society.off(correction) < 0.05
 
 
 def test_a_kidnapped_robot_is_found() -> None:

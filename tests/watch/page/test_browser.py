@@ -207,7 +207,7 @@ def test_two_browsers_one_stops_the_other_resumes(
         )
         other.mouse("mousePressed", *button)  # without a release
         page.until(HELD)
-        assert "page 2-" in page.evaluate("document.getElementById('latched').innerText")
+        assert "page-2-" in page.evaluate("document.getElementById('latched').innerText")
         page.evaluate("document.getElementById('resume').click()")
         other.until(f"!{PARTS}.stop.stopped && {PARTS}.motion.v > 0.1")
         assert other.received("Runtime.exceptionThrown") == []
