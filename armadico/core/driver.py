@@ -261,6 +261,8 @@ class Driver:
                 return
         if not self._is_current(to, key, message):
             self._refuse(key, NOT_CURRENT, now)
+            if to.kind is Kind.LATCHED and key.rpartition("/")[2] == self.agent.instance:
+                self.kernel.memory.answer(message, own)  # others may have taken it for this one's
             return
         record: Repeat | None = None
         if type(message) is Repeat:
@@ -272,6 +274,10 @@ class Driver:
             return
         if self.refused or self._slow:
             self._report(now)  # may be due since
+        publisher = ""
+        if to.kind is Kind.LATCHED and to.shared not in ("", key):
+            publisher = key.rpartition("/")[2]
+            self.kernel.correct(message, publisher)
         if self.stage is Stage.JOINED:
             self.kernel.receive(message, own)
         elif isinstance(message, Latched) and self.stage is not Stage.REFUSED:
@@ -279,7 +285,6 @@ class Driver:
         if record is not None:
             self.kernel.author(message, record.publisher, record if record.signature else None)
         elif to.kind is Kind.LATCHED:
-            publisher = key.rpartition("/")[2] if to.shared not in ("", key) else ""
             self.kernel.author(message, publisher, None)
 
     def token(self, name: str, instance: str, alive: bool, now: float) -> None:
