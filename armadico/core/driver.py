@@ -260,9 +260,7 @@ class Driver:
             if message is None:
                 return
         if not self._is_current(to, key, message):
-            self._refuse(key, NOT_CURRENT, now)
-            if to.kind is Kind.LATCHED and key.rpartition("/")[2] == self.agent.instance:
-                self.kernel.memory.answer(message, own)  # others may have taken it for this one's
+            self._refuse_stray(to, key, message, own)
             return
         record: Repeat | None = None
         if type(message) is Repeat:
@@ -416,6 +414,12 @@ class Driver:
         if len(self.refused) < MOST_REASONS or counted in self.refused:
             self.refused[counted] += 1
         self._report(now)
+
+    def _refuse_stray(self, to: Subscription, key: str, message: Any, own: float) -> None:
+        """Refuse a message that is not of this society; answer a state in this agent's name."""
+        self._refuse(key, NOT_CURRENT, self.now)
+        if to.kind is Kind.LATCHED and key.rpartition("/")[2] == self.agent.instance:
+            self.kernel.memory.answer(message, own)  # others have accepted it as this agent's
 
     def _report(self, now: float) -> None:
         instance = self.agent.instance
