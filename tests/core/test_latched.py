@@ -538,7 +538,7 @@ class Society(RuleBasedStateMachine):
             shown(self.peers, self.now)
         missions = {memory.newest(Trajectory) for memory in self.peers}
         assert len(missions) == 1, f"they do not agree: {missions}"
-        stops = {stop.stopped and stop.press for m in self.peers if (stop := newest_stop(m))}
+        stops = {stop.stopped and stop.press for stop in map(newest_stop, self.peers)}
         assert len(stops) == 1, f"they do not agree: {stops}"
         newest = max(remembered, key=lambda stop: stop.order)
         if newest.stopped and newest.press not in self.ended:
@@ -631,9 +631,7 @@ class Strays(RuleBasedStateMachine):
         if how == "stop":
             self.send(Stop(next_count(stop.counter), True, "people", self.count))
             for each in self.peers:
-                known = each.newest(Stop)
-                assert known is not None
-                assert known.stopped, "a stop always latches"
+                assert newest_stop(each).stopped, "a stop always latches"
         elif (stop := newest_stop(self.peers[ROBOT])).stopped:
             assert self.peers[ROBOT].release(Stop(0, False, "people", stop.press))
             shown(self.peers, self.now)
