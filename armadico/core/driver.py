@@ -260,7 +260,7 @@ class Driver:
             if message is None:
                 return
         if not self._is_current(to, key, message):
-            self._refuse(key, NOT_CURRENT, now)
+            self._refuse_stray(to, key, message, own)
             return
         record: Repeat | None = None
         if type(message) is Repeat:
@@ -272,6 +272,10 @@ class Driver:
             return
         if self.refused or self._slow:
             self._report(now)  # may be due since
+        publisher = ""
+        if to.kind is Kind.LATCHED and to.shared not in ("", key):
+            publisher = key.rpartition("/")[2]
+            self.kernel.correct(message, publisher)
         if self.stage is Stage.JOINED:
             self.kernel.receive(message, own)
         elif isinstance(message, Latched) and self.stage is not Stage.REFUSED:
@@ -279,7 +283,6 @@ class Driver:
         if record is not None:
             self.kernel.author(message, record.publisher, record if record.signature else None)
         elif to.kind is Kind.LATCHED:
-            publisher = key.rpartition("/")[2] if to.shared not in ("", key) else ""
             self.kernel.author(message, publisher, None)
 
     def token(self, name: str, instance: str, alive: bool, now: float) -> None:
@@ -411,6 +414,12 @@ class Driver:
         if len(self.refused) < MOST_REASONS or counted in self.refused:
             self.refused[counted] += 1
         self._report(now)
+
+    def _refuse_stray(self, to: Subscription, key: str, message: Any, own: float) -> None:
+        """Refuse a message that is not of this society; answer a state in this agent's name."""
+        self._refuse(key, NOT_CURRENT, self.now)
+        if to.kind is Kind.LATCHED and key.rpartition("/")[2] == self.agent.instance:
+            self.kernel.memory.answer(message, own)  # others have accepted it as this agent's
 
     def _report(self, now: float) -> None:
         instance = self.agent.instance

@@ -387,6 +387,15 @@ class Kernel(Desk):
         if self.elders:
             self.outbox.append(Publish(service.key_in(m.OLDEST), message))
 
+    def correct(self, message: m.Latched, instance: str) -> None:
+        """Forget a state that is newer than what its own author gives out.
+
+        An author's messages arrive in order, so it did not publish that one.
+        """
+        known = self.authors.get(what_of(message))
+        if known is not None and known.instance == instance:
+            self.memory.forget_beyond(message)
+
     def author(self, message: m.Latched, instance: str, record: m.Repeat | None) -> None:
         """Note who published a latched state, if that is the one that is stored."""
         what = what_of(message)

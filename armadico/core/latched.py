@@ -11,6 +11,8 @@ One corrupt counter must neither replace a known state nor block later ones:
   is acted upon, but not restored to others, and a counter of another magnitude replaces it.
 - An agent with a state rejects a counter far beyond it, and publishes its own. If the same far
   counter comes again after that, its publisher *insists* because it has it stored: it is accepted.
+- Where the author of a known state gives out an older one, that replaces it. So a counter that
+  somebody else published in its name does not stay.
 - Counters wrap around. After the largest comes 0, so there is a larger one for every release.
 """
 
@@ -233,6 +235,23 @@ class Memory:
             self._restore(what, now)
         if self._known:
             self._again = deque(now + later for later in AGAIN_S)
+
+    def answer(self, message: Latched, now: float) -> None:
+        """Restore the known state, because another one was published in this process's name."""
+        if what_of(message) in self._known:
+            self._restore(what_of(message), now)
+
+    def forget_beyond(self, message: Latched) -> None:
+        """Forget a known state that is newer than this one; a stop is never forgotten."""
+        what = what_of(message)
+        known = self._known.get(what)
+        if known is None or what == STOP:
+            return
+        (at, rank), (counter, other) = known.order, message.order
+        if counts_beyond(at, counter) or (at == counter and rank > other):
+            del self._known[what]
+            for noted in (self._restore_at, self._doubt, self._far):
+                noted.pop(what, None)
 
     def _restore(self, what: What, now: float) -> None:
         known = self._known[what]

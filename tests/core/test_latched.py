@@ -189,6 +189,22 @@ def test_an_older_one_is_answered_with_the_newer_once() -> None:
     assert restored(memory, 1.0) == [newer]
 
 
+@pytest.mark.parametrize("beyond", [1, JUMP, 3 * JUMP, LARGEST_COUNT // 2])
+def test_what_its_author_gives_out_replaces_a_newer_one(beyond: int) -> None:
+    memory, own = knowing(Trajectory(7 + beyond, 1, GOAL)), Trajectory(7, 1, GOAL)
+    memory.forget_beyond(own)
+    assert memory.update(own, 1.0)
+    assert memory.newest(Trajectory) == own
+
+
+def test_a_stop_and_an_older_state_are_never_forgotten() -> None:
+    stop, known = Stop(7, True, "a", 1), Trajectory(7, 1, GOAL)
+    memory = knowing(stop, known)
+    for message in (Stop(3, True, "a", 2), Trajectory(8, 1, GOAL), known):
+        memory.forget_beyond(message)
+    assert memory.all() == [stop, known]
+
+
 def test_a_state_that_another_has_restored_is_not_restored_again() -> None:
     newer = Trajectory(4, 1, GOAL)
     memory = knowing(newer)
@@ -522,7 +538,7 @@ class Society(RuleBasedStateMachine):
             shown(self.peers, self.now)
         missions = {memory.newest(Trajectory) for memory in self.peers}
         assert len(missions) == 1, f"they do not agree: {missions}"
-        stops = {stop.stopped and stop.press for m in self.peers if (stop := newest_stop(m))}
+        stops = {stop.stopped and stop.press for stop in map(newest_stop, self.peers)}
         assert len(stops) == 1, f"they do not agree: {stops}"
         newest = max(remembered, key=lambda stop: stop.order)
         if newest.stopped and newest.press not in self.ended:
@@ -615,9 +631,7 @@ class Strays(RuleBasedStateMachine):
         if how == "stop":
             self.send(Stop(next_count(stop.counter), True, "people", self.count))
             for each in self.peers:
-                known = each.newest(Stop)
-                assert known is not None
-                assert known.stopped, "a stop always latches"
+                assert newest_stop(each).stopped, "a stop always latches"
         elif (stop := newest_stop(self.peers[ROBOT])).stopped:
             assert self.peers[ROBOT].release(Stop(0, False, "people", stop.press))
             shown(self.peers, self.now)

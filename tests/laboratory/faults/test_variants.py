@@ -156,6 +156,7 @@ def test_a_mission_ends_when_the_society_says_so_and_is_counted(state: MissionSt
     """However long it takes, the bed gives up none."""
     workload = Workload(Case(1, ROOMS[0], 4.0, ()))
     workload.mesh.run(3.0)
+    workload._order()
     status: list[MissionStatus] = []
     workload.mesh.watch(lambda _, message, __: status.append(message), MissionStatus)  # type: ignore[arg-type]
     workload.mesh.run(4.0)

@@ -78,7 +78,7 @@ class Stranger:
         self._rehearsal = rehearsal
         self._mesh = rehearsal.mesh
         self._state: RobotState | None = None
-        self._latched: dict[type[Latched], Trajectory | Origin] = {}
+        self._latched: dict[type[Latched], tuple[str, Trajectory | Origin]] = {}
         self._counter = 0  # the largest of a published stop
         self._press = 0  # the press of that stop
         self._presses = Random(f"presses/{self._mesh.seed}")
@@ -96,7 +96,7 @@ class Stranger:
             "two-robot-agents": self._two_robot_agents,
         }
 
-    def _on_message(self, _key: str, message: Message, _now: float) -> None:
+    def _on_message(self, key: str, message: Message, _now: float) -> None:
         if isinstance(message, RobotState):
             self._state = message
             if message.stop.counter >= self._counter:
@@ -104,11 +104,14 @@ class Stranger:
         elif isinstance(message, Claim):
             self._term = max(self._term, message.ballot.term)
         elif isinstance(message, Trajectory | Origin):
-            self._latched[type(message)] = message
+            self._latched[type(message)] = key, message
 
     def _deliver(self, message: Message, _a: object = None, _b: object = None) -> None:
+        self._deliver_on(_key(message), message)
+
+    def _deliver_on(self, key: str, message: Message) -> None:
         for name in dict.fromkeys(node.name for node in self._mesh.nodes):
-            self._mesh.arrive(message, name, _key(message))
+            self._mesh.arrive(message, name, key)
 
     # The stop ------------------------------------------------------------------------------------
 
@@ -186,11 +189,15 @@ class Stranger:
                 self._mesh.call_at(at, self._deliver, replace(state, cycle=cycle))
 
     def _huge_counter(self, fault: Fault, begins: bool) -> None:
-        """Deliver the mission (0) or the pose's origin (1) with a counter far beyond."""
+        """Deliver the mission (0) or the pose's origin (1) with a counter far beyond.
+
+        On its author's key: on that of a stranger, which shows no token, nobody would read it.
+        """
         known = self._latched.get(Origin if fault.amount else Trajectory)
         if begins and known is not None:
-            counter = (known.counter + BEYOND[int(fault.spread)]) % COUNTS
-            self._deliver(replace(known, counter=counter))
+            key, state = known
+            counter = (state.counter + BEYOND[int(fault.spread)]) % COUNTS
+            self._deliver_on(key, replace(state, counter=counter))
 
     def _huge_term(self, fault: Fault, begins: bool) -> None:
         """Deliver a claim with the largest term (0), rising claims (1), or an ack (2)."""
