@@ -6,7 +6,8 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import partial
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 from armadico.core.config_errors import ConfigError
 from armadico.keys.asking import ending, refresh
@@ -41,7 +42,7 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
         f"{TLS}connect_certificate": str(found.certificate),
         f"{TLS}connect_private_key": str(found.private),
         f"{USER}user": found.name,
-        f"{USER}password": found.password.read_text(encoding="utf-8"),
+        f"{USER}password": _Password(found.password),
     }
     if router:
         from armadico.keys.derived import access_control  # only a router needs it
@@ -64,6 +65,15 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
         forbidden=rights.forbidden,
         ending=lambda: ending(store, where.namespace, time.time()),
     )
+
+
+class _Password(NamedTuple):
+    """Reads the password for each session; equal to another one of the same file."""
+
+    file: Path
+
+    def __call__(self) -> str:
+        return self.file.read_text(encoding="utf-8")
 
 
 def _sign(identity: Identity, data: bytes) -> bytes:

@@ -45,7 +45,8 @@ class Door(NamedTuple):
         name: `<namespace>/<name>`: the common name of its certificate, and its user name on the
             socket.
         settings: Zenoh's settings: TLS files, user and password; of a router also the users and
-            the access control.
+            the access control. A function is called for each session, and returns the setting:
+            keys may be made anew while their process runs.
         folder: The folder of keys.
         faults: What is wrong with its keys now, a sentence each, for a link on the robot's
             computer (True) or from another one. It reads the files.

@@ -76,7 +76,7 @@ class Refusals:
         place = str(path) if here else joining or " or ".join(self._why)
         if known:
             return f"{place} does not let {door.name} in: {'; '.join(known)}"
-        if joining in self._why:  # it makes the handshake, and refuses the password or hangs
+        if joining and not here:  # it makes the handshake, and refuses the identity or hangs
             return (
                 f"{place} does not let {door.name} in: the key was revoked or made anew (`armadico"
                 " keys list` on the robot's computer), or the robot agent hangs"

@@ -379,7 +379,7 @@ class ZenohMesh(Reader, Monotonic):
         self._joining = shown
         try:
             session = zenoh.open(self._config(self._where, connect=(there,)))
-        except zenoh.ZError as error:
+        except (zenoh.ZError, OSError) as error:  # OSError: a file of the door cannot be read
             logger.debug("%s: %s", there, error)
             self._refusals.failed(there)
             return False
@@ -753,7 +753,7 @@ class ZenohMesh(Reader, Monotonic):
         }
         door = where.door
         for key, value in (SETTINGS | own | dict(door.settings if door else {})).items():
-            config.insert_json5(key, json.dumps(value))
+            config.insert_json5(key, json.dumps(value() if callable(value) else value))
         return config
 
 

@@ -186,3 +186,18 @@ def test_a_message_goes_from_one_computer_to_another(lab: Lab) -> None:
         return key in arrived
 
     assert soon(sent)
+
+
+def test_a_process_that_was_revoked_joins_by_a_new_key_without_being_started_again(
+    lab: Lab,
+) -> None:
+    there = lab.join("goto", "lab2")
+    lab.issuer.revoke([f"{NAMESPACE}/goto"], datetime.now(UTC))
+    lab.start()
+    assert soon(lambda: "goto" in there.missing and "revoked" in there.missing), there.missing
+    assert not there.wait_joined(0.0)
+    given = of_host(lab.table, "lab2", NAMESPACE, ["ben"])
+    folder = lab.there.keys_folder
+    assert folder is not None
+    lab.issuer.give(given, Store(folder), datetime.now(UTC))
+    assert there.wait_joined(SOON_S), there.missing

@@ -34,7 +34,7 @@ class Options:
 def run(args: Options) -> int:
     from armadico.keys.members import for_person
 
-    if person(args.user) != f"{PERSON}{args.user}":
+    if not args.user or person(args.user) != f"{PERSON}{args.user}":
         raise UsageError(
             f"{args.user!r}: expected a user's name of letters, digits, '.', '_' and '-', at most"
             f" {LONGEST_NAME - len(PERSON)}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from armadico.cli.options import UsageError
 from armadico.cli.parsing import Command, argument, group
 from armadico.core.errors import UnknownNameError
 from armadico.keys.commands.common import Society, now
@@ -29,6 +30,12 @@ def run(args: Options) -> int:
     issuer = Issuer.of(args.society.store)
     members, namespace = issuer.store.members(), args.society.where.namespace
     chosen = [m for name in args.names for m in _meant(name, namespace, members)]
+    if any(member.kind == "robot" for member in chosen):
+        # The other computers have no list of who is revoked, so they would go on trusting it.
+        raise UsageError(
+            "the robot's key cannot be revoked: if it was stolen, `armadico keys init --anew` makes"
+            " a new authority, and new archives for all computers"
+        )
     revoked = issuer.revoke([member.name for member in chosen], now())
     for name in revoked:
         print(f"{name} is revoked")
