@@ -32,6 +32,7 @@ from armadico.mobile.messages import Correction, Origin, Pose, Trajectory
 from armadico.mobile.obstacles import Obstacles
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.plan import AGENTS, Case, Fault, Outcome, Variation
+from armadico_tools.faults.planted import DEFECTS
 from armadico_tools.faults.series import smallest
 from armadico_tools.faults.shrink import AFTER_S
 from armadico_tools.faults.workload import case_of, run, when_broken
@@ -463,11 +464,17 @@ def test_every_promise_has_a_bug_that_breaks_it() -> None:
     assert {bug.breaks for bug in BUGS} == {*Promise}
 
 
-def test_an_honest_robot_agent_lets_no_unearned_speed_through_of_a_liar() -> None:
-    honest = promises(run(by_laser("lies")))
-    assert Promise.EARNED.name not in honest
-    assert Promise.COLLISION.name not in honest
-    assert Promise.EARNED.name in promises(run(by_laser("no-reflex")))
+def test_an_honest_robot_agent_lets_no_unearned_speed_through_of_a_liar(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    without_gate = run(by_laser("no-reflex"))
+    assert Promise.EARNED.name in promises(without_gate)
+    both = DEFECTS["no-reflex"]
+    liar_alone = both._replace(plants={"goto": both.plants["goto"]})
+    monkeypatch.setitem(DEFECTS, "no-reflex", liar_alone)
+    honest = run(by_laser("no-reflex"))
+    assert Promise.HONEST.name in promises(honest)  # it lies, and is refused
+    assert not promises(honest) & {Promise.EARNED.name, Promise.COLLISION.name}
 
 
 @pytest.mark.long

@@ -108,17 +108,19 @@ def _half(robot: Any) -> None:
     _wrap(robot, "obey", obey)
 
 
-def _lies(goto: Any, v: float = PRESSES_M_S) -> None:
+def _lies(goto: Any, v: float = PRESSES_M_S, *, critical: bool = False) -> None:
     def propose(method: Callable[..., Any], *inputs: Any) -> Any:
         bid = method(*inputs)
-        near = goto.now % EACH_S > TRUE_S
-        return alike(bid, action=(v, 0.0), utility=SURE) if bid is not None and near else bid
+        if bid is None or goto.now % EACH_S <= TRUE_S:
+            return bid
+        return alike(bid, action=(v, 0.0), utility=SURE, critical=critical or bid.critical)
 
     _wrap(goto, "propose", propose)
 
 
 def _runs(goto: Any) -> None:
-    _lies(goto, RUNS_M_S)
+    """Only the robot agent is left to stop it: avoid would keep the wheels from a lesser bid."""
+    _lies(goto, RUNS_M_S, critical=True)
 
 
 def _no_reflex(robot: Any) -> None:
