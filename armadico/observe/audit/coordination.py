@@ -222,13 +222,18 @@ class Stopped(Rule):
         self._stop: Stop | None = None  # the latched one
         self._since = inf  # when it ended without a release
         self._released: set[int] = set()  # presses
+        self._later: set[int] = set()  # presses since, which take its place in the latch
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
         if isinstance(message, Stop) and not message.stopped:
             self._released.add(message.press)
+        elif isinstance(message, Stop) and message.press not in self._released:
+            self._later.add(message.press)
         if not isinstance(message, RobotState):
             return
         if message.stop.stopped:
+            if self._stop is None or self._stop.press != message.stop.press:
+                self._later.clear()
             self.checked, self._stop, self._since = True, message.stop, inf
             if message.ordered.v or message.ordered.w:
                 v, w = message.ordered.v, message.ordered.w
@@ -236,8 +241,8 @@ class Stopped(Rule):
                 yield self.found(now, "robot", what)
         elif self._stop is None:
             return
-        elif self._stop.press in self._released:
-            self._stop = None
+        elif self._released & {self._stop.press, *(self._later & {message.stop.press})}:
+            self._stop = None  # a later press may have been released before any state showed it
         elif now.excuse(Excuse.DISTURBED) is None:
             self._since = min(self._since, now.now)
             if now.now - self._since > RELEASED_S:

@@ -32,6 +32,7 @@ class Stopped:
     def __init__(self, bounds: Bounds) -> None:
         self._bounds = bounds
         self._press: int | None = None  # of the acknowledged stop
+        self._later: set[int] = set()  # presses since, which take its place in the latch
         self._releases: set[int] = set()  # the presses that they name
         self._rest_due = inf
         self._sent_at = inf  # when a stop was published that is not yet acknowledged
@@ -61,6 +62,8 @@ class Stopped:
             self._releases.add(stop.press)
             self._sent_at = inf
             return
+        if stop.press not in self._releases and self._press is not None:
+            self._later.add(stop.press)
         if stop.press not in self._releases and self._press is None and not _away(now):
             self._sent_at = min(self._sent_at, at)
 
@@ -77,6 +80,7 @@ class Stopped:
         if stop.stopped:
             if self._press is None:
                 self._rest_due = at + self._bounds.braking_s
+            self._later = self._later if self._press == stop.press else set()
             self._press, self._sent_at, self._lost_at = stop.press, inf, None
             return
         if _away(now):
@@ -86,7 +90,9 @@ class Stopped:
             yield "a stop was published, and is not latched"
         if self._press is None:
             return
-        if self._press in self._releases:
+        # A later press may have been released before any state showed it.
+        later = stop.press in self._later and stop.press in self._releases
+        if later or self._press in self._releases:
             self._press, self._lost_at = None, None
             return
         if self._lost_at is None or now.whole_for() < 0.0:
