@@ -27,10 +27,6 @@ FLANKS = ((1.0, 0.0), (0.5, 0.2), (0.2, 0.5), (0.0, 0.8))
 BID_GAP_S = 0.5
 """Longer than this without a bid, it does not know whether the robot stood still, s."""
 
-LET_GO_M = 0.02
-"""More clearance than this beyond the margin lets it release the wheels. A wall at the margin is in
-the way by one reading, and not by the next."""
-
 LEAST_REACH_M = 0.3
 """Least distance, before the footprint, over which an open heading must be free, at any bend."""
 
@@ -157,16 +153,10 @@ class Avoid(Behaviour):
         return Bid(utility, action, critical(scene, p.safety), within, reason)
 
     def _along(self, points: Sequence[Point], v: float, w: float) -> float:
-        """The free distance on the present arc, m; infinite on the spot.
-
-        While avoid holds the wheels, the arc is that of a robot at `v_danger` or faster. Avoid
-        itself has slowed it down, and the next holder would drive into the same arc again.
-        """
-        if self.holds(WHEELS):
-            v = max(v, self.p.v_danger)
+        """The free distance on the present arc, m; infinite on the spot."""
         if v <= ON_THE_SPOT_M_S:
             return inf
-        return self._free(points, v, w)
+        return free_path(points, v, w, self.body.outline, self.p.safety.margin_m)
 
     def _toward(self, points: Sequence[Point], way: Way) -> float:
         """The free distance where the trajectory leads, m, after turning there.
@@ -178,14 +168,8 @@ class Avoid(Behaviour):
         if abs(way.heading) > limit_angle:
             return inf
         turned = _rotated(points, way.heading)
-        free = self._free(turned, 1.0, 0.0)
+        free = free_path(turned, 1.0, 0.0, self.body.outline, self.p.safety.margin_m)
         return free if free < way.bend_m else inf
-
-    def _free(self, points: Sequence[Point], v: float, w: float) -> float:
-        """The free distance on an arc, m; with more clearance while avoid holds the wheels."""
-        margin = self.p.safety.margin_m
-        margins = (margin, margin + LET_GO_M) if self.holds(WHEELS) else (margin,)
-        return min(free_path(points, v, w, self.body.outline, each) for each in margins)
 
     def _act(self, scene: Scene, way: Way, pose: Pose, v: float) -> tuple[tuple[float, float], str]:
         """The action in the zone of the open heading: slow down; also turn; stop and turn."""
@@ -262,8 +246,7 @@ class Avoid(Behaviour):
         near = self.route.to_go(pose.x, pose.y) < self.p.goal_m
         excused = idle or near or not driven
         self._update_rest(
-            excused or abs(state.v) > 0.02 * self.pose_confidence or abs(state.w) > 0.05,
-            refused=bool(state.capped) and state.driver == self.instance,
+            excused or abs(state.v) > 0.02 * self.pose_confidence or abs(state.w) > 0.05
         )
         self._update_place(pose, excused)
         self._update_stall(state.stalled)
@@ -273,14 +256,12 @@ class Avoid(Behaviour):
     def _was_idle(self) -> bool:
         return self.now - self._bid_at > BID_GAP_S
 
-    def _update_rest(self, moving: bool, *, refused: bool) -> None:
+    def _update_rest(self, moving: bool) -> None:
         if moving:
             self._moved_at = self.now
         elif self.now - self._moved_at > self.p.stuck_s:
             self._moved_at = self.now
-            # Too near to an obstacle, or another agent turned it back; or the robot agent refuses
-            # the way on, by readings of its own.
-            if self._turned_out or refused:
+            if self._turned_out:  # too near to an obstacle, or another agent turned it back
                 self._back_off()
             else:
                 self._escape_until = self.now + self.p.escape_s

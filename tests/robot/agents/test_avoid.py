@@ -122,33 +122,6 @@ def test_free_again_it_offers_the_wheels_and_then_lets_go() -> None:
     assert made.cycle() == []
 
 
-def test_that_it_slowed_the_robot_down_is_no_reason_to_release_the_wheels() -> None:
-    """On the spot no point is on the arc; the next holder would drive the same arc again."""
-    corner = [*wall(0.35, -0.6, 0.0), *wall(-0.05, -0.6, -0.3)]
-    made = stage(drive_to((-8.0, 0.0, 0.0)))
-    made.speed = (0.1, -1.0)
-    made.holding(points=corner)
-    for v in (0.06, 0.02, 0.0, 0.02):
-        made.speed = (v, -1.0)
-        made.cycle(points=corner)
-        assert made.bid.utility, made.bid.reason
-    made.speed = (0.0, 0.0)  # the turn is done
-    made.pose = (0.0, 0.0, radians(180))
-    made.cycle(points=[])
-    assert made.bid.utility == 0.0
-
-
-def test_a_wall_that_is_just_clear_is_not_released_and_taken_in_turn() -> None:
-    half = OUTLINE.half_width + MARGIN
-    beside, off = ([Point(0.1 * n, half + by) for n in range(3, 12)] for by in (-0.01, 0.01))
-    made = stage(speed=0.2)
-    made.holding(points=beside)
-    for points in (off, beside, off):
-        made.cycle(points=points)
-        assert made.bid.utility, made.bid.reason
-    assert not stage(speed=0.2).cycle(points=off), "it does not take the wheels for that"
-
-
 def test_something_dodged_on_one_side_is_not_dodged_on_the_other_next() -> None:
     made = stage(speed=0.2)
     made.holding(points=wall(0.7, -0.30, 0.29))
@@ -253,19 +226,6 @@ def test_a_robot_that_still_stands_after_turning_out_is_backed_off() -> None:
     for one, points in ((made, shut), (free, []), (gone, [])):
         driven_by_goto(one, 10, points)
     assert (backs(made), backs(free), backs(gone)) == (True, False, False)
-
-
-def test_a_robot_that_it_cannot_drive_on_is_backed_off_at_once() -> None:
-    """The robot agent may see an obstacle that the points do not show."""
-    for capped in ("", "an obstacle is in the way"):
-        made = stage()
-        made.holding(points=wall(0.5, -0.4, 0.0))
-        made.capped = capped
-        backed = []
-        for _ in range(25):
-            made.cycle(points=wall(0.5, -0.4, 0.0))
-            backed.append(made.bid.wanted[0] < 0.0)
-        assert any(backed) is bool(capped)
 
 
 def test_a_robot_that_no_agent_drives_may_stand_still() -> None:
