@@ -241,7 +241,7 @@ def test_renewals_and_kills_of_the_porter_leave_all_links_and_no_descriptor(
         porter = keeper._porter
         porter.kill()
         assert soon(partial(_replaced, keeper, porter))
-    assert counts[-1] <= counts[1], counts
+    assert counts[-1] <= max(counts[:2]), counts
 
 
 def _replaced(keeper: Listening, porter: object) -> bool:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
@@ -43,10 +45,16 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_a_society_with_keys_needs_no_further_option(folder: Path) -> None:
+@pytest.fixture
+def run2() -> Iterator[str]:
+    """The folder of the second computer's sockets, whose paths must be short."""
+    with TemporaryDirectory(dir="/tmp", prefix="run2-") as folder:
+        yield folder
+
+
+def test_a_society_with_keys_needs_no_further_option(folder: Path, run2: str) -> None:
     here = dict(os.environ)
-    elsewhere = here | {RUNTIME_VARIABLE: str(folder / "run2")}
-    Path(elsewhere[RUNTIME_VARIABLE]).mkdir(mode=0o700)
+    elsewhere = here | {RUNTIME_VARIABLE: run2}
     of_lab2 = ("--hosts", str(folder / "lab2" / "lab.toml"))
 
     def does(*words: str, env: dict[str, str], code: int = 0) -> Done:

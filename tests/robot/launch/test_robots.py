@@ -37,7 +37,8 @@ class Watched(Driven):
     """A run of one robot, and what its base was doing. Sensors are not what this is about."""
 
     def __init__(self, robot: str, name: str = "sc3", seed: int = 12) -> None:
-        options = Options(seed=seed, sensors="ideal")
+        # The usual limit is for robots that drive at 0.3 m/s; not all of these do.
+        options = Options(seed=seed, sensors="ideal", limit=180.0)
         scenario = prepared(load_scenario(name), options, profile=robot)
         super().__init__(Rehearsal(scenario, options), RobotState, Log)
         self.begin()
