@@ -38,7 +38,7 @@ LARGEST: Final = 16_384
 WITHIN_S: Final = 2.0
 
 BACKDATED_S: Final = 3600.0
-"""A certificate is valid from so long before it was issued (`armadico.keys.authority.BEFORE`)."""
+"""A certificate is valid from so long before it was issued, s: clocks differ."""
 
 ANNOUNCED_S: Final = 3600.0
 """From so long before its end an expiry is announced, s; of a short life, from its last sixth."""

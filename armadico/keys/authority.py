@@ -27,13 +27,15 @@ from cryptography.hazmat.primitives.serialization import (
 )
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+from armadico.keys.asking import BACKDATED_S
+
 AUTHORITY_DAYS: Final = 3650
 ROUTER_DAYS: Final = 365
 """Of the robot's own certificate: Zenoh reads it once, when the robot agent starts."""
 
 CLIENT_HOURS: Final = 24.0
 
-BEFORE: Final = timedelta(hours=1)
+BEFORE: Final = timedelta(seconds=BACKDATED_S)
 """A certificate is valid from so long before it was issued, as the clocks of a lab differ."""
 
 LONGEST: Final = 64

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from armadico.core.config_errors import ConfigError
 from armadico.keys.asking import ending, refresh
-from armadico.keys.store import Identity, Store
+from armadico.keys.store import Identity, Store, stamp
 from armadico.mesh.door import ACCESS, TLS, USER, Door
 
 if TYPE_CHECKING:
@@ -95,15 +95,15 @@ class _Rights:
         self._identity, self._store = identity, store
         self._table: Table | None = None
         self._own: Mapping[Does, tuple[set[str], set[str]]] = {}
-        self._written = -1
+        self._written: object = None
 
     def _read(self) -> Table | None:
         from armadico.keys.derived import file_of, load  # slow
 
         identity = self._identity
         try:
-            written = file_of(self._store, identity.namespace).stat().st_mtime_ns
-            if written != self._written:
+            written = stamp(file_of(self._store, identity.namespace))
+            if written is None or written != self._written:
                 self._table, self._written = load(self._store, identity.namespace), written
                 known = identity.last in self._table.speakers
                 self._own = self._table.expressions(identity.last) if known else {}

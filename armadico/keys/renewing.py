@@ -16,7 +16,7 @@ from typing import Final
 
 from armadico.core.config_errors import ConfigError
 from armadico.keys.asking import WITHIN_S, Validity, renewed, shown, validity
-from armadico.keys.store import Store
+from armadico.keys.store import Store, stamp
 from armadico.mesh import handshake
 from armadico.mesh.zenoh import ZenohMesh
 
@@ -51,7 +51,7 @@ class Renewing:
         self._identity = self._store.of(door.name)
         self._file = self._identity.certificate
         self._announced_at = float("-inf")
-        self._shown: tuple[int, str] | None = None  # the file, and by which link
+        self._shown: tuple[object, str] | None = None  # the file, and by which link
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="renewing", daemon=True)
         self._thread.start()
@@ -101,7 +101,7 @@ class Renewing:
 
         It may also be new by another process of this identity, or by a person.
         """
-        file, endpoint = self._mtime(), self._mesh.joined_at
+        file, endpoint = stamp(self._file), self._mesh.joined_at
         if (file, endpoint) == self._shown:
             return True
         if not self._mesh.wait_joined(0.0):  # a link that is being made may have the old one
@@ -131,12 +131,6 @@ class Renewing:
         if mono - self._announced_at >= min(REPEAT_S, valid.life / 6):
             self._announced_at = mono
             logger.warning("%s", expiry(self._door.name, valid.ends - now, self.fault))
-
-    def _mtime(self) -> int:
-        try:
-            return self._file.stat().st_mtime_ns
-        except OSError:
-            return 0
 
 
 def expiry(name: str, left: float, fault: str) -> str:

@@ -76,6 +76,10 @@ class Door(NamedTuple):
     doubts: Callable[[Sequence[Sequence[str]]], Sequence[str]] = lambda _: ()
     forbidden: Callable[[str, str], str] = lambda *_: ""
 
+    def current(self) -> dict[str, object]:
+        """Return Zenoh's settings for a session that is opened now. Raises OSError."""
+        return {k: v() if callable(v) else v for k, v in self.settings.items()}
+
     def as_client(self) -> Door:
         """Return the same identity without what only a router has."""
         own = {k: v for k, v in self.settings.items() if k not in ROUTERS}

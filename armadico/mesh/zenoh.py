@@ -752,8 +752,8 @@ class ZenohMesh(Reader, Monotonic):
             "connect/endpoints": list(connect),
         }
         door = where.door
-        for key, value in (SETTINGS | own | dict(door.settings if door else {})).items():
-            config.insert_json5(key, json.dumps(value() if callable(value) else value))
+        for key, value in (SETTINGS | own | (door.current() if door else {})).items():
+            config.insert_json5(key, json.dumps(value))
         return config
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import replace
@@ -17,6 +18,7 @@ from armadico.mobile.motion import clearances
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.scans import Floats, bearings_of, points_of, ranges_of
 from armadico.mobile.swept_path import Outline
+from armadico.observe.audit.chart import Chart
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import AGAIN_S, Rule
 from armadico.observe.audit.scene import Scene
@@ -291,12 +293,8 @@ class Renewed(Rule):
             yield self.found(now, sensor, what, f"{REPEATS} times in a row")
 
 
-class Fits(Rule):
-    """Near readings lie on the walls of the map: by the true pose, else by a pose that is certain.
-
-    By the truth a sensor is wrong (too long, too short, or the wrong way round), and by a pose
-    alone the pose or the sensor. What is not on the map, such as people, is the smaller part.
-    """
+class _Mapped(Rule):
+    """Judges readings on the way by the map; of a laser one scan in `SCANS_S`."""
 
     promise = Promise.SENSORS
     needs = (RobotState, Pose)
@@ -305,20 +303,43 @@ class Fits(Rule):
 
     def __init__(self) -> None:
         super().__init__()
-        self._off: dict[tuple[str, bool], list[float]] = {}  # m, by sensor, and whether by truth
         self._scan_at = -inf
-        self._was: dict[tuple[str, bool], bool] = {}  # whether those before were off the map
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        state, pose, chart = now.state, now.pose, now.chart
-        if chart is None or state is None or not isinstance(message, Sonar | Scan):
+        if now.chart is None or now.state is None or not isinstance(message, Sonar | Scan):
             return
-        if abs(state.v) < MOVES_M_S or now.excuse(Excuse.DISTURBED) is not None:
+        if abs(now.state.v) < MOVES_M_S or now.excuse(Excuse.DISTURBED) is not None:
             return
+        yield from self.judge(message, now.chart, now)
+
+    @abstractmethod
+    def judge(self, message: Sonar | Scan, chart: Chart, now: Scene) -> Iterator[Finding]:
+        """Judge readings by the map."""
+
+    def _is_due(self, message: Sonar | Scan, now: Scene) -> bool:
         if isinstance(message, Scan):
             if now.now - self._scan_at < SCANS_S:
-                return
+                return False
             self._scan_at = now.now
+        return True
+
+
+class Fits(_Mapped):
+    """Near readings lie on the walls of the map: by the true pose, else by a pose that is certain.
+
+    By the truth a sensor is wrong (too long, too short, or the wrong way round), and by a pose
+    alone the pose or the sensor. What is not on the map, such as people, is the smaller part.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._off: dict[tuple[str, bool], list[float]] = {}  # m, by sensor, and whether by truth
+        self._was: dict[tuple[str, bool], bool] = {}  # whether those before were off the map
+
+    def judge(self, message: Sonar | Scan, chart: Chart, now: Scene) -> Iterator[Finding]:
+        if not self._is_due(message, now):
+            return
+        pose = now.pose
         sensor, points = _near(message)
         if not len(points):
             return
@@ -351,38 +372,27 @@ class Fits(Rule):
             yield replace(self.found(now, "localization", f"{what}, {by}"), promise=Promise.POSE)
 
 
-class Sees(Rule):
+class Sees(_Mapped):
     """On each side a sensor reads the walls of the map that are near and square to it.
 
     One wall may be gone, so several must be missed.
     """
 
-    promise = Promise.SENSORS
-    needs = (RobotState, Pose)
-    sees = (Sonar, Scan, Truth)
-    charted = True
-
     def __init__(self) -> None:
         super().__init__()
-        self._scan_at = -inf
         self._missed: dict[tuple[str, str], deque[int | None]] = {}  # walls, by sensor and side
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        state, pose, chart = now.state, now.pose, now.chart
-        if chart is None or state is None or not isinstance(message, Sonar | Scan):
-            return
-        if abs(state.v) < MOVES_M_S or now.excuse(Excuse.DISTURBED) is not None:
-            return
+    def judge(self, message: Sonar | Scan, chart: Chart, now: Scene) -> Iterator[Finding]:
+        pose = now.pose
         certain = pose is not None and 0.0 < pose.deviation < CERTAIN_M and not pose.revision
         at = now.truth or (pose if certain else None)
         if at is None:
             return
-        sensor, most, rays = "sonar", LOOKS_M, _rays(message)
-        if isinstance(message, Scan):
-            if now.now - self._scan_at < SCANS_S:
-                return
-            self._scan_at, sensor, most = now.now, "laser", 2.0 * LOOKS_M
-        for x, y, bearing, far in rays:
+        if not self._is_due(message, now):
+            return
+        scanned = isinstance(message, Scan)
+        sensor, most = ("laser", 2.0 * LOOKS_M) if scanned else ("sonar", LOOKS_M)
+        for x, y, bearing, far in _rays(message):
             from_x, from_y, theta = compose((at.x, at.y, at.theta), (x, y, bearing))
             sight = chart.ahead(from_x, from_y, theta)
             if sight is not None and NEAREST_M < sight.far < most and sight.square > SQUARE:

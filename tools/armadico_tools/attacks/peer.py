@@ -43,7 +43,7 @@ class Peer:
         config = zenoh.Config()
         own = {"connect/endpoints": [endpoint]} | dict(settings or {})
         for key, value in (SETTINGS | own).items():
-            config.insert_json5(key, json.dumps(value() if callable(value) else value))
+            config.insert_json5(key, json.dumps(value))
         self._session = zenoh.open(config)
 
     def __enter__(self) -> Self:

@@ -42,7 +42,7 @@ class Stranger(NamedTuple):
 def member(victim: Victim, name: str) -> Stranger:
     """A member, with its true key, on the port."""
     door = open_door(victim.where, name).as_client()
-    return Stranger(name, victim.endpoint, dict(door.settings))
+    return Stranger(name, victim.endpoint, door.current())
 
 
 def strangers(victim: Victim) -> Iterator[Stranger]:

@@ -17,7 +17,6 @@ from typing import Final, NamedTuple
 from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.simulator.server import TcpLine
 from armadico.config.endpoints import Endpoints, endpoints
-from armadico.config.scenarios import Scenario
 from armadico.core.cycles import PERIOD
 from armadico.launch.client import Client
 from armadico.launch.processes import agent_words, command_line
@@ -28,6 +27,7 @@ from armadico.mobile.messages import MissionRequest, Waypoint
 from armadico_tools.bench.figures import Figure, figure
 from armadico_tools.bench.latency import (
     AGENTS,
+    DRIVE,
     GOAL,
     MOTOR,
     Stopwatch,
@@ -133,15 +133,6 @@ def _driving(place: Place, way: Way, phase: float) -> Iterator[Stopwatch]:
 
     Its cycles begin at this share of the others' period, so that they do not wait for one another.
     """
-    scenario = Scenario(
-        name="corridor",
-        world="empty",
-        start=(0.0, 0.0, 0.0),
-        goal=GOAL,
-        plan="direct",
-        robot="pioneer-2dx",
-        agents=AGENTS,
-    )
     own = Place(way.name)
     own.namespace = f"{place.namespace}-{way.name}"
     with ExitStack() as stack:
@@ -159,7 +150,7 @@ def _driving(place: Place, way: Way, phase: float) -> Iterator[Stopwatch]:
         watch = Stopwatch(line, commanded, ())
         time.sleep((phase * PERIOD - time.monotonic()) % PERIOD)
         stack.enter_context(simulated(pioneer(), watch))
-        for member in members(scenario, Options(), f"tcp://127.0.0.1:{line.port}"):
+        for member in members(DRIVE, Options(), f"tcp://127.0.0.1:{line.port}"):
             words = agent_words([member], where.namespace)
             words += ["--hosts", where.table.file, "--host", "here"]
             if way.by_port and member.name != "robot":

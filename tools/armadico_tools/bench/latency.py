@@ -48,6 +48,15 @@ from armadico_tools.testbed import Place
 
 AGENTS: Final = ("encoder", "sonar", "goto", "interface")
 GOAL: Final = (190.0, 0.0, 0.0)  # m, m, degrees: farther than it drives
+DRIVE: Final = Scenario(
+    name="corridor",
+    world="empty",
+    start=(0.0, 0.0, 0.0),
+    goal=GOAL,
+    plan="direct",
+    robot="pioneer-2dx",
+    agents=AGENTS,
+)
 CORRIDOR: Final = ((-1.0, 1.0, 201.0, 1.0), (-1.0, -1.0, 201.0, -1.0))  # m
 MOTOR: Final = frozenset({int(Cmd.VEL), int(Cmd.RVEL), int(Cmd.VEL2), int(Cmd.ROTATE)})
 STATUS_BYTES: Final = 36
@@ -213,20 +222,11 @@ def simulated(robot: SimulatedRobot, line: Line) -> Iterator[None]:
 @contextmanager
 def society(port: str, together: tuple[tuple[str, ...], ...]) -> Iterator[None]:
     """Robot agent and agents, with a mission down a corridor; without a guest on the mesh."""
-    scenario = Scenario(
-        name="corridor",
-        world="empty",
-        start=(0.0, 0.0, 0.0),
-        goal=GOAL,
-        plan="direct",
-        robot="pioneer-2dx",
-        agents=AGENTS,
-    )
     options = Options(robot=port, together=together)
     with (
         Place("bench") as place,
         closing(place.mesh()) as mesh,
-        Launcher(scenario, options, mesh, place.namespace, tied=True) as launcher,
+        Launcher(DRIVE, options, mesh, place.namespace, tied=True) as launcher,
     ):
         launcher.start()
         launcher.begin()

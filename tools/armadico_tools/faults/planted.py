@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from dataclasses import replace as alike
 from math import hypot
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from msgspec.structs import replace
@@ -275,15 +275,28 @@ def _mirrors(robot: Any) -> None:
     _publishes(robot, change)
 
 
+M = TypeVar("M", bound=Message)
+
+
+class _Late(Generic[M]):
+    """Messages that come some cycles late; at first the oldest one."""
+
+    def __init__(self, cycles: int) -> None:
+        self._cycles = cycles
+        self._kept: deque[M] = deque()
+
+    def of(self, newest: M) -> M:
+        self._kept.append(newest)
+        return self._kept.popleft() if len(self._kept) > self._cycles else self._kept[0]
+
+
 def _stale(encoder: Any) -> None:
-    poses: deque[Pose] = deque()
+    late = _Late[Pose](STALE_CYCLES)
 
     def change(message: Message) -> Message:
         if not isinstance(message, Pose):
             return message
-        poses.append(message)
-        old = poses.popleft() if len(poses) > STALE_CYCLES else poses[0]
-        return replace(old, cycle=message.cycle)
+        return replace(late.of(message), cycle=message.cycle)
 
     _publishes(encoder, change)
 
@@ -305,13 +318,12 @@ def _spins(robot: Any) -> None:
 
 
 def _lags(robot: Any) -> None:
-    states: deque[RobotState] = deque()
+    late = _Late[RobotState](LAG_CYCLES)
 
     def change(message: Message) -> Message:
         if not isinstance(message, RobotState):
             return message
-        states.append(message)
-        old = states.popleft() if len(states) > LAG_CYCLES else states[0]
+        old = late.of(message)
         return replace(message, x=old.x, y=old.y, theta=old.theta)
 
     _publishes(robot, change)
