@@ -18,7 +18,7 @@ from datetime import UTC, datetime
 from typing import Final, NamedTuple
 
 from armadico.core.config_errors import ConfigError
-from armadico.keys.store import Identity, Store, write_private
+from armadico.keys.store import BACKDATED_S, Identity, Store, write_private
 from armadico.mesh import sockets
 from armadico.mesh.door import ROBOT
 
@@ -36,9 +36,6 @@ LARGEST: Final = 16_384
 """Most bytes of an answer."""
 
 WITHIN_S: Final = 2.0
-
-BACKDATED_S: Final = 3600.0
-"""A certificate is valid from so long before it was issued, s: clocks differ."""
 
 ANNOUNCED_S: Final = 3600.0
 """From so long before its end an expiry is announced, s; of a short life, from its last sixth."""

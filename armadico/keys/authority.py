@@ -27,7 +27,7 @@ from cryptography.hazmat.primitives.serialization import (
 )
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from armadico.keys.asking import BACKDATED_S
+from armadico.keys.store import BACKDATED_S
 
 AUTHORITY_DAYS: Final = 3650
 ROUTER_DAYS: Final = 365

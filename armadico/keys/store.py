@@ -39,6 +39,9 @@ PRIVATE: Final = "private.key"
 PASSWORD: Final = "password"
 USERS: Final = "users"  # a router's dictionary, written when it starts
 
+BACKDATED_S: Final = 3600.0
+"""A certificate is valid from so long before it was issued, s: clocks differ."""
+
 
 @dataclass(frozen=True)
 class Member:
