@@ -47,7 +47,7 @@ test: $(VENV)/.dev  ## set up and run the tests
 
 test-long: $(VENV)/.dev  ## the long tests: more seeds, scenarios and orders of events
 	@$(BIN)/python -m tests.real_ros
-	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m long
+	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal --timeout 300 -m long
 
 test-removal: $(VENV)/.dev  ## take each package out of a copy of the tree: the rest must drive and pass its tests
 	$(BIN)/python -m tests.removal -n $(WORKERS)

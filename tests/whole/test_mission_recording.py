@@ -52,7 +52,7 @@ def test_a_mission_is_read_back_as_it_was(tmp_path: Path, once: Once) -> None:
     assert steps == [*ORIGINAL[:3], *FINAL]
     # On the publisher's key, and a copy for agents of protocol 2.
     on = [key for key, alarm in read if isinstance(alarm, Alarm) and alarm.on]
-    assert on == ["alarm/client", "alarm"]
+    assert on == ["alarm/guest-client", "alarm"]
     assert {alarm.room for alarm in heard(Alarm) if alarm.on} == {"R21"}
     assert [photo.room for photo in heard(Photo)] == ["R1", "R11"]
     assert len(heard(Subplan)) == 2
