@@ -18,9 +18,10 @@ from armadico.core.errors import UnknownNameError
 from armadico.core.guest import IDENTITIES, Guest
 from armadico.core.individual import Individual
 from armadico.core.installed import loaded
-from armadico.keys import rights
-from armadico.keys.rights import Right, RightsError, Table
-from armadico.keys.store import Member, Store, write_private
+from armadico.keys import deriving
+from armadico.keys.deriving import RightsError, Subject
+from armadico.keys.rights import WORDS, Right, Table
+from armadico.keys.store import Member, Store, admits, write_private
 from armadico.mesh.door import ROBOT
 from armadico.mesh.sockets import stem
 
@@ -38,7 +39,7 @@ def derive(members: Iterable[Member], namespace: str) -> Table:
     """
     own = [member for member in members if member.namespace == namespace]
     try:
-        return rights.table([_with_classes(member) for member in own], _last(namespace))
+        return deriving.table([_with_classes(member) for member in own], _last(namespace))
     except RightsError as error:
         raise ConfigError(str(error)) from None
 
@@ -76,16 +77,8 @@ def load(store: Store, namespace: str) -> Table:
 
 def access_control(store: Store, namespace: str) -> dict[str, object]:
     """Return Zenoh's access control of a robot's router. Raises ConfigError."""
-    members = store.members().values()
-    beside = namespace.rpartition("/")[0]
-    robots = [
-        member.namespace
-        for member in members
-        if member.kind == ROBOT
-        and member.namespace != namespace
-        and member.namespace.rpartition("/")[0] == beside
-    ]
-    return load(store, namespace).access_control(namespace, robots)
+    admitted = {m.namespace for m in store.members().values() if admits(m, namespace)}
+    return load(store, namespace).access_control(namespace, sorted(admitted - {namespace}))
 
 
 def contradictions(stored: Table, derived: Table) -> Iterator[str]:
@@ -103,7 +96,7 @@ def contradictions(stored: Table, derived: Table) -> Iterator[str]:
             right = before[identity][min(surplus)]
             yield (
                 f"{identity} has {_counted(len(surplus))} that its class does not declare, such as"
-                f" {rights.WORDS[right.does]} {right.key}"
+                f" {WORDS[right.does]} {right.key}"
             )
     if {each[:2] for each in stored.critical} != {each[:2] for each in derived.critical}:
         yield "the agents that may bid critical differ"
@@ -144,7 +137,7 @@ def _agents(table: Table) -> set[str]:
 
 
 def shown(right: Right) -> str:
-    return f"{rights.WORDS[right.does]} {right.key} ({right.because})"
+    return f"{WORDS[right.does]} {right.key} ({right.because})"
 
 
 def _counted(number: int) -> str:
@@ -158,15 +151,15 @@ def _by_identity(table: Table) -> dict[str, dict[tuple[str, str], Right]]:
     return found
 
 
-def _with_classes(member: Member) -> rights.Member:
+def _with_classes(member: Member) -> Subject:
     name = member.name.rpartition("/")[2]
     if member.kind == "launcher":
         from armadico.agents.supervision.wakeup import Wakeup
 
-        return rights.Member(name, {Wakeup.name: Wakeup})
+        return Subject(name, {Wakeup.name: Wakeup})
     if member.kind in ("agent", ROBOT):
-        return rights.Member(name, {agent: _agent(agent) for agent in member.agents})
-    return rights.Member(name, {}, _guest(member))
+        return Subject(name, {agent: _agent(agent) for agent in member.agents})
+    return Subject(name, {}, _guest(member))
 
 
 def _agent(name: str) -> type[Individual]:

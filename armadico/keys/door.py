@@ -118,7 +118,8 @@ class _Rights:
 
     def forbidden(self, does: str, key: str) -> str:
         """`Door.forbidden`: without a table nothing is known to be."""
-        from armadico.keys.rights import Does, permits
+        from armadico.keys.expressions import permits
+        from armadico.keys.rights import Does
 
         if self._read() is None or not self._own or permits(*self._own[Does(does)], key):
             return ""

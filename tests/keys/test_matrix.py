@@ -18,7 +18,8 @@ import pytest
 import zenoh
 
 from armadico.core.messages import Log
-from armadico.keys.rights import Does, Table, covers, permits
+from armadico.keys.expressions import covers, permits
+from armadico.keys.rights import Does, Table
 from armadico.mesh import sockets
 from armadico.mesh.door import ACCESS, MCP, PAGE, ROS2, SIMULATOR, USER, VIEWER, Door
 from armadico.mesh.topology import topology

@@ -13,7 +13,9 @@ from armadico.core.agent import Agent
 from armadico.core.messages import Log, Message, Stop
 from armadico.core.resources import WHEELS
 from armadico.keys.derived import contradictions
-from armadico.keys.rights import Does, Member, RightsError, Table, covers, instances, table
+from armadico.keys.deriving import RightsError, Subject, table
+from armadico.keys.expressions import covers
+from armadico.keys.rights import Does, Table, instances
 from armadico.mesh.door import PAGE
 from armadico.observe.guests import Person, Viewer
 from tests.keys.members import ANNA, LAB, everybody
@@ -37,9 +39,9 @@ class Idle(Agent):
 
 
 def of(*classes: type[Agent], **together: tuple[type[Agent], ...]) -> Table:
-    members = [Member(cls.name, {cls.name: cls}) for cls in classes]
-    members += [Member(name, {cls.name: cls for cls in group}) for name, group in together.items()]
-    return table([*members, Member(ANNA, {}, Person), Member("viewer", {}, Viewer)])
+    members = [Subject(cls.name, {cls.name: cls}) for cls in classes]
+    members += [Subject(name, {cls.name: cls for cls in group}) for name, group in together.items()]
+    return table([*members, Subject(ANNA, {}, Person), Subject("viewer", {}, Viewer)])
 
 
 def test_a_contender_commands_and_claims_for_its_own_instances_only() -> None:
@@ -94,9 +96,9 @@ def test_a_plug_in_without_declarations_is_named() -> None:
 
 def test_names_that_cannot_be_told_apart_are_refused() -> None:
     with pytest.raises(RightsError, match="called 'viewer'"):
-        table([Member("a", {"viewer": Goto}), Member("viewer", {}, Viewer)])
+        table([Subject("a", {"viewer": Goto}), Subject("viewer", {}, Viewer)])
     with pytest.raises(RightsError, match="two identities"):
-        table([Member("viewer", {}, Viewer), Member("viewer", {}, Viewer)])
+        table([Subject("viewer", {}, Viewer), Subject("viewer", {}, Viewer)])
 
 
 def test_a_person_releases_and_a_viewer_only_reads() -> None:
@@ -132,8 +134,8 @@ def test_a_table_that_contradicts_the_classes_is_told_by_identity() -> None:
     assert "goto-fast has rights, and is no member any more" in found
     assert "the agents that may bid critical differ" in found
     assert not [*contradictions(now, now)]
-    more = table([Member("goto", {"goto": Louder})])
-    less = table([Member("goto", {"goto": Idle})])
+    more = table([Subject("goto", {"goto": Louder})])
+    less = table([Subject("goto", {"goto": Idle})])
     assert "goto lacks" in "\n".join(contradictions(less, more))
     assert "that its class does not declare" in "\n".join(contradictions(more, less))
 

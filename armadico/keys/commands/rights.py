@@ -12,7 +12,7 @@ from armadico.cli.parsing import Command, argument, flag, group, option
 from armadico.keys.commands.common import Society
 
 if TYPE_CHECKING:
-    from armadico.keys.rights import Right, Table
+    from armadico.keys.rights import Table
 
 EXAMPLES: Final = """\
   armadico keys rights --hosts lab.toml                   who may publish, query and answer what
@@ -72,7 +72,7 @@ def explanation(table: Table, key: str, namespace: str) -> Iterator[str]:
     from armadico.keys.rights import WORDS, Does
 
     key = key.removeprefix(f"{namespace}/")
-    found = [right for right in table.on(key) if not _is_denied(table, right, key)]
+    found = table.on(key)
     for does in Does:
         rights = [right for right in found if right.does is does]
         for right in rights:
@@ -89,12 +89,6 @@ def explanation(table: Table, key: str, namespace: str) -> Iterator[str]:
             f"nobody publishes or answers on {key}: it is for {service.message.__name__}, and no"
             f" class of a member has that in its `{attribute}`"
         )
-
-
-def _is_denied(table: Table, right: Right, key: str) -> bool:
-    from armadico.keys.rights import covers
-
-    return any(covers(denied, key) for denied in table.denied(right.identity, right.does))
 
 
 def _of_one(table: Table, identity: str) -> Iterator[str]:
