@@ -133,6 +133,7 @@ def ask(
 def check(identity: Identity, certificate: bytes, source: str, now: float) -> None:
     """Raise ConfigError if a new certificate cannot be used by an identity."""
     import ssl  # slow, and seldom needed
+    from tempfile import NamedTemporaryFile
 
     try:
         valid = validity(certificate)
@@ -143,14 +144,13 @@ def check(identity: Identity, certificate: bytes, source: str, now: float) -> No
             f"{source} returned a certificate for {shown(valid.begins)} to {shown(valid.ends)},"
             f" and this computer's clock says {shown(now)}: compare the clocks of both (`date`)"
         )
-    new = identity.certificate.with_suffix(".new")
-    write_private(new, certificate)
-    try:
-        ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_cert_chain(new, identity.private)
-    except OSError:
-        raise ConfigError(f"{source} returned a certificate of another key") from None
-    finally:
-        new.unlink(missing_ok=True)
+    with NamedTemporaryFile() as file:  # `ssl` reads certificates from files only
+        file.write(certificate)
+        file.flush()
+        try:
+            ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_cert_chain(file.name, identity.private)
+        except OSError:
+            raise ConfigError(f"{source} returned a certificate of another key") from None
 
 
 def renewed(

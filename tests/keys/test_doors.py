@@ -7,7 +7,6 @@ import logging
 import os
 import shutil
 import signal
-import subprocess
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
@@ -112,9 +111,9 @@ def test_clients_join_by_socket_and_by_port_and_lose_no_link_when_the_porter_is_
     keeper = router._stop_keeping.__self__  # type: ignore[union-attr]
     assert isinstance(keeper, Listening)
     porter = keeper._porter
-    assert isinstance(porter, subprocess.Popen)
-    porter.kill()
-    porter.wait()
+    assert porter is not None
+    porter.process.kill()
+    porter.process.wait()
 
     assert heard.from_(here)
     assert soon(lambda: keeper._porter is not porter)
@@ -131,7 +130,7 @@ def test_a_porter_that_hangs_is_replaced(
     assert heard.from_(client)
     porter = router._stop_keeping.__self__._porter  # type: ignore[union-attr]
 
-    porter.send_signal(signal.SIGSTOP)
+    porter.process.send_signal(signal.SIGSTOP)
 
     assert soon(lambda: "hangs; it is started again" in caplog.text)
     assert heard.from_(client)
@@ -239,7 +238,7 @@ def test_renewals_and_kills_of_the_porter_leave_all_links_and_no_descriptor(
         assert soon(lambda: len(keeper_links(router)) == len(clients))
         counts.append(len(os.listdir("/dev/fd")))  # noqa: PTH208 - names
         porter = keeper._porter
-        porter.kill()
+        porter.process.kill()
         assert soon(partial(_replaced, keeper, porter))
     assert counts[-1] <= max(counts[:2]), counts
 

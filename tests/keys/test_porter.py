@@ -23,7 +23,8 @@ from cryptography.hazmat.primitives.serialization import (
 
 from armadico.keys.asking import RENEWAL
 from armadico.keys.authority import Pair, create
-from armadico.keys.porter import LARGEST, LINKS_OF_A_NAME, Porter
+from armadico.keys.link import LARGEST
+from armadico.keys.porter import LINKS_OF_A_NAME, Porter
 from armadico.mesh.ports import LOOPBACK
 
 from .conftest import NAMESPACE, Lab
