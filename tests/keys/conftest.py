@@ -1,17 +1,20 @@
-"""A folder of keys, and what can be made with its authority."""
+"""A folder of keys, what can be made with its authority, and a society that runs on it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import ExitStack
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
 
-from armadico.keys.authority import Pair, create, issue
+from armadico.keys.authority import Pair, issue
 from armadico.keys.issuing import Issuer
-from armadico.keys.store import Identity, Member, Store
+from armadico.keys.store import Identity, Member
 from armadico.mesh.door import ROBOT
+from tests.keys.labs import authority_in
+from tests.keys.society import Society
 
 NAMESPACE = "robot1"
 NAMES = ("goto", "avoid")
@@ -20,18 +23,17 @@ NAMES = ("goto", "avoid")
 class Lab:
     """An authority, and the identities of a robot's society on one computer."""
 
-    def __init__(self, folder: Path, hours: float = 24.0) -> None:
-        self.store = Store(folder)
-        self.pair = create("lab", datetime.now(UTC))
-        self.store.begin(self.pair.certificate, self.pair.private)
-        self.issuer = Issuer.of(self.store, hours)
+    def __init__(self, folder: Path) -> None:
+        self.store = authority_in(folder, datetime.now(UTC))
+        self.issuer = Issuer.of(self.store)
+        self.pair = self.issuer.pair
         self.give(ROBOT, kind=ROBOT)
         for name in NAMES:
             self.give(name)
 
-    def give(self, name: str, *, kind: str = "agent", namespace: str = NAMESPACE) -> Identity:
+    def give(self, name: str, *, kind: str = "agent") -> Identity:
         """Issue an identity."""
-        member = Member(f"{namespace}/{name}", kind, (name,))
+        member = Member(f"{NAMESPACE}/{name}", kind, (name,))
         self.issuer.give([member], self.store, datetime.now(UTC))
         return self.store.of(member.name)
 
@@ -52,12 +54,7 @@ def lab(tmp_path: Path) -> Lab:
     return Lab(tmp_path / "keys")
 
 
-MakeLab = Callable[..., Lab]
-
-
 @pytest.fixture
-def make_lab(tmp_path: Path) -> MakeLab:
-    def make(name: str = "keys", hours: float = 24.0) -> Lab:
-        return Lab(tmp_path / name, hours)
-
-    return make
+def society(tmp_path: Path) -> Iterator[Society]:
+    with ExitStack() as stack:
+        yield Society(tmp_path, stack)
