@@ -60,15 +60,6 @@ def test_the_porter_renews_a_present_certificate(door: Door, tmp_path: Path) -> 
     assert validity(new).ends > validity(identity.certificate.read_bytes()).ends + 3000.0
 
 
-def test_a_computer_that_was_off_overnight_gets_new_certificates(
-    door: Door, tmp_path: Path
-) -> None:
-    store, identity = elsewhere(door.lab, tmp_path)
-    expired(door.lab, identity, 3 * DAY)
-    renewed(store, identity, [endpoint(door)])
-    assert validity(identity.certificate.read_bytes()).ends > datetime.now(UTC).timestamp()
-
-
 def test_where_the_authoritys_key_is_no_port_is_needed(lab: Lab) -> None:
     identity = lab.store.identity(NAMESPACE, "goto")
     expired(lab, identity, 3 * DAY)

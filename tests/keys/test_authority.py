@@ -18,7 +18,6 @@ from armadico.keys.authority import (
     is_issued_by,
     is_pair,
     issue,
-    public_of,
 )
 from tests.keys.labs import NOW
 
@@ -43,15 +42,6 @@ def test_a_certificate_has_the_name_and_the_time_that_it_was_issued_for(
     assert is_pair(pair.certificate, pair.private)
 
 
-@given(st.text(max_size=80))
-def test_no_certificate_is_issued_without_a_usable_common_name(name: str) -> None:
-    try:
-        pair = issue(AUTHORITY, name, NOW)
-    except KeyFileError:
-        return
-    assert facts(pair.certificate).name == name != ""
-
-
 @pytest.mark.parametrize("name", ["", "robot1/goto\nrobot1/robot", "robot1:x", "a" * 65, "r*"])
 def test_names_that_a_rule_or_the_dictionary_would_read_otherwise_are_refused(name: str) -> None:
     with pytest.raises(KeyFileError, match="cannot be a common name"):
@@ -72,20 +62,6 @@ def test_no_certificate_but_the_authoritys_issues_others() -> None:
     parsed = x509.load_pem_x509_certificate(issue(AUTHORITY, "robot1/goto", NOW).certificate)
     assert not parsed.extensions.get_extension_for_class(x509.BasicConstraints).value.ca
     assert not parsed.extensions.get_extension_for_class(x509.KeyUsage).value.key_cert_sign
-
-
-def test_a_renewed_certificate_is_of_the_same_key() -> None:
-    first = issue(AUTHORITY, "robot1/goto", NOW)
-    later = NOW + timedelta(hours=20)
-    second = issue(AUTHORITY, "robot1/goto", later, public=public_of(first.private))
-    assert second.private == b""
-    assert is_pair(second.certificate, first.private)
-    assert facts(second.certificate).ends - facts(first.certificate).ends == timedelta(hours=20)
-
-
-def test_a_key_is_that_of_one_certificate() -> None:
-    one, other = (issue(AUTHORITY, "robot1/goto", NOW) for _ in range(2))
-    assert not is_pair(one.certificate, other.private)
 
 
 @pytest.mark.parametrize("what", [b"", b"x", AUTHORITY.private, AUTHORITY.certificate[:200]])

@@ -24,7 +24,7 @@ from armadico.mesh import sockets
 from armadico.mesh.door import ACCESS, MCP, PAGE, ROS2, SIMULATOR, USER, VIEWER, Door
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import SETTINGS, ZenohMesh
-from tests.keys.members import ANNA, LAB, everybody
+from tests.keys.members import ANNA, ANNA_B, LAB, everybody
 
 NAMESPACE = "matrix"
 BESIDE = "other/robot"  # the router of a robot that shares keys with this one
@@ -35,7 +35,7 @@ BLOCK = zenoh.CongestionControl.BLOCK  # as so much at once is otherwise dropped
 
 KINDS = (
     *("goto", "avoid", "encoder", "interface", "path-planning", "planner-onward", "monitor"),
-    *("fleet", "teleop", LAB, ANNA, PAGE, MCP, ROS2, VIEWER, SIMULATOR),
+    *("fleet", "teleop", LAB, ANNA, ANNA_B, PAGE, MCP, ROS2, VIEWER, SIMULATOR),
 )
 TRIED = tuple(name for name in KINDS if name in everybody(NAMESPACE).speakers)
 """One identity of each kind, and agents of each kind; the rights of others differ by names only."""

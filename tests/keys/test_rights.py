@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import ClassVar
 
-import msgspec
 import pytest
 
 import armadico
 from armadico.core.agent import Agent
-from armadico.core.messages import Log, Message, Stop
 from armadico.core.resources import WHEELS
 from armadico.keys.derived import contradictions
 from armadico.keys.deriving import RightsError, Subject, table
 from armadico.keys.expressions import covers
-from armadico.keys.rights import Does, Table, instances
+from armadico.keys.rights import Does, Table
 from armadico.mesh.door import PAGE
 from armadico.observe.guests import Person, Viewer
-from tests.keys.members import ANNA, LAB, everybody
+from tests.keys.members import ANNA, ANNA_B, LAB, everybody
 
 zenoh = pytest.importorskip("zenoh")
 
@@ -71,14 +68,6 @@ def test_an_instance_belongs_to_the_longest_name() -> None:
     assert not rights.may_be_critical("goto-fast-1f", "gripper")
 
 
-def test_a_right_names_the_file_and_line_of_its_declaration() -> None:
-    right = of(Goto).why("goto", Does.PUT, "robot/cmd/goto-1f")
-    assert right is not None
-    assert right.because.what == "Goto.competes_for"
-    line = Path(right.because.file).read_text(encoding="utf-8").splitlines()
-    assert line[right.because.line - 1].strip() == "competes_for = (WHEELS,)"
-
-
 def test_every_right_of_an_installed_class_names_a_line_with_its_declaration() -> None:
     above = Path(armadico.__file__).parents[1]
     for right in everybody().rights:
@@ -106,7 +95,7 @@ def test_a_person_releases_and_a_viewer_only_reads() -> None:
     assert rights.why(ANNA, Does.PUT, f"robot/stop/{ANNA}-1f")
     for identity in rights.speakers:
         releases = rights.why(identity, Does.PUT, f"robot/release/{identity}-1f") is not None
-        assert releases == (identity in (ANNA, PAGE)), identity
+        assert releases == (identity in (ANNA, ANNA_B, PAGE)), identity
     assert not rights.why(ANNA, Does.PUT, "robot/stop/goto-1f")
     assert {right.does for right in rights.of("viewer")} == {
         *(Does.SUBSCRIBE, Does.QUERY, Does.WATCH, Does.LOOK)
@@ -115,29 +104,13 @@ def test_a_person_releases_and_a_viewer_only_reads() -> None:
     assert rights.why(LAB, Does.REPLY, "wakeup/wakeup-1f")
 
 
-def test_a_table_is_the_same_after_it_was_stored() -> None:
-    rights = everybody()
-    assert msgspec.json.decode(msgspec.json.encode(rights), type=Table) == rights
-
-
 def test_a_table_that_contradicts_the_classes_is_told_by_identity() -> None:
-    class Louder(Goto):
-        name = "goto"
-        provides: ClassVar[tuple[type[Message], ...]] = (Log, Stop)
-        queries = ()
-        owns = ()
-        answers = ()
-
     now, before = of(Goto), of(GotoFast)
     found = "\n".join(contradictions(before, now))
     assert "goto has no rights: its key was made after the table" in found
     assert "goto-fast has rights, and is no member any more" in found
     assert "the agents that may bid critical differ" in found
     assert not [*contradictions(now, now)]
-    more = table([Subject("goto", {"goto": Louder})])
-    less = table([Subject("goto", {"goto": Idle})])
-    assert "goto lacks" in "\n".join(contradictions(less, more))
-    assert "that its class does not declare" in "\n".join(contradictions(more, less))
 
 
 @pytest.mark.parametrize(
@@ -152,19 +125,3 @@ def test_a_table_that_contradicts_the_classes_is_told_by_identity() -> None:
 )
 def test_expressions_cover_as_zenohs_do(rule: str, key: str) -> None:
     assert covers(rule, key) == zenoh.KeyExpr(rule).includes(zenoh.KeyExpr(key))
-
-
-def test_the_rules_of_zenoh_name_each_identity_and_deny_by_default() -> None:
-    found = of(Goto, GotoFast).access_control("lab/r1", ["lab/r2"])
-    assert found["default_permission"] == "deny"
-    rules, policies = found["rules"], found["policies"]
-    assert isinstance(rules, list)
-    assert isinstance(policies, list)
-    ids = [rule["id"] for rule in rules]
-    assert len({*ids}) == len(ids)
-    of_goto = next(p for p in policies if p["subjects"] == ["lab/r1/goto"])
-    own = [rule for rule in rules if rule["id"] in of_goto["rules"]]
-    denied = [key for rule in own if rule["permission"] == "deny" for key in rule["key_exprs"]]
-    assert f"lab/r1/robot/cmd/{instances('goto-fast')}" in denied
-    assert "lab/r2/robot" in [p["subjects"][0] for p in policies]
-    assert not [p for p in policies if p["subjects"] == ["lab/r1/robot"]]
