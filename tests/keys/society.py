@@ -18,9 +18,8 @@ from armadico.keys.store import Identity, Store, write_private
 from armadico.mesh.door import ROBOT
 from armadico.mesh.ports import free_port
 from armadico.mesh.zenoh import ZenohMesh
-from tests.keys.labs import lab_in
+from tests.keys.labs import NAMESPACE, lab_in
 
-NAMESPACE = "robot1"
 SOON_S = 20.0  # a deadline, not an expectation
 LINE = Log(20, "here I am")
 

@@ -12,9 +12,8 @@ from armadico.keys import authority
 from armadico.keys.asking import LINKS, ask, ending, renewed, validity
 from armadico.keys.store import Identity, Store, write_private
 
-from .conftest import NAMESPACE, Lab
-from .test_porter import Door, open_door, works  # noqa: F401 - a fixture
-from .test_porter import door as door  # noqa: PLC0414 - a fixture
+from .labs import NAMESPACE, Lab
+from .porters import Door, works
 
 DAY = 86_400.0
 

@@ -18,7 +18,8 @@ from armadico.keys.renewing import Renewing
 from armadico.mesh.sockets import socket_of
 from armadico.mesh.topology import MeshError, topology
 from armadico.mesh.zenoh import ZenohMesh
-from tests.keys.society import NAMESPACE, Heard, Society, soon
+from tests.keys.labs import NAMESPACE
+from tests.keys.society import Heard, Society, soon
 
 pytestmark = [pytest.mark.live, pytest.mark.long]
 

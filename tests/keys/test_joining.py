@@ -9,7 +9,8 @@ import pytest
 
 from armadico.config.endpoints import Endpoints
 from armadico.keys.authority import create, issue
-from tests.keys.society import NAMESPACE, SOON_S, Heard, Society, soon
+from tests.keys.labs import NAMESPACE
+from tests.keys.society import SOON_S, Heard, Society, soon
 
 pytestmark = pytest.mark.live
 
