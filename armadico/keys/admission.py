@@ -14,7 +14,8 @@ from datetime import UTC, datetime
 from typing import Any, Final, cast
 
 from armadico.core.config_errors import ConfigError
-from armadico.keys.asking import RENEWAL, Validity
+from armadico.keys.asking import RENEWAL
+from armadico.keys.expiry import Validity
 from armadico.keys.store import MEMBERS, Store, admits, stamp
 from armadico.mesh.door import ROBOT
 

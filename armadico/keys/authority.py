@@ -62,7 +62,7 @@ class Facts:
     """What a certificate says of itself.
 
     Attributes:
-        name: Its common name; "" without one, or with several, which could be taken for any.
+        name: Its common name (`common_name`): with several it could be taken for any.
         begins, ends: When it is valid, UTC.
         serial: Its serial number.
         server: Whether it is a router's.
@@ -136,19 +136,24 @@ def issue(
 def facts(certificate: bytes) -> Facts:
     """Return what a certificate says. Raises KeyFileError if it cannot be read."""
     found = _certificate(certificate)
-    names = found.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
     try:
         uses = found.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
         server = ExtendedKeyUsageOID.SERVER_AUTH in uses
     except (x509.ExtensionNotFound, ValueError):
         server = False
     return Facts(
-        str(names[0].value) if len(names) == 1 else "",
+        common_name(found),
         found.not_valid_before_utc,
         found.not_valid_after_utc,
         found.serial_number,
         server,
     )
+
+
+def common_name(certificate: x509.Certificate) -> str:
+    """Return the name of a certificate; "" without one, or with several."""
+    names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    return str(names[0].value) if len(names) == 1 else ""
 
 
 def is_issued_by(certificate: bytes, authority: bytes) -> bool:
@@ -163,13 +168,7 @@ def is_issued_by(certificate: bytes, authority: bytes) -> bool:
 
 def is_pair(certificate: bytes, private: bytes) -> bool:
     """Return whether a private key is that of a certificate. Raises KeyFileError."""
-    try:
-        key = load_pem_private_key(private, None)
-    except (ValueError, TypeError):
-        raise KeyFileError("is not a private key in PEM") from None
-    return _der(_certificate(certificate)) == key.public_key().public_bytes(
-        Encoding.DER, PublicFormat.SubjectPublicKeyInfo
-    )
+    return certificate_key(certificate) == public_of(private)
 
 
 def public_of(private: bytes) -> bytes:
@@ -192,10 +191,6 @@ def _certificate(pem: bytes) -> x509.Certificate:
         return x509.load_pem_x509_certificate(pem)
     except ValueError:
         raise KeyFileError("is not a certificate in PEM") from None
-
-
-def _der(certificate: x509.Certificate) -> bytes:
-    return certificate.public_key().public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
 
 
 def _named(name: str, form: re.Pattern[str]) -> x509.Name:

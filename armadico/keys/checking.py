@@ -9,6 +9,7 @@ from typing import Final
 
 from armadico.core.config_errors import ConfigError
 from armadico.keys.authority import Facts, KeyFileError, facts, is_issued_by, is_pair
+from armadico.keys.expiry import shown
 from armadico.keys.store import MEMBERS, Identity, Member, Store, check_private
 from armadico.mesh.door import ROBOT
 
@@ -142,17 +143,17 @@ class Checks:
                 yield str(error)
 
     def _times(self, file: Path, about: Facts, todo: str) -> Iterator[str]:
-        clock = f"this computer's clock says {_shown(self._now)}"
+        clock = f"this computer's clock says {shown(self._now.timestamp())}"
         if self._now < about.begins:
             ahead = _span(about.begins - self._now)
             yield (
-                f"{file} is not valid before {_shown(about.begins)}, in {ahead}; {clock}: set the"
-                f" clock, or {todo}"
+                f"{file} is not valid before {shown(about.begins.timestamp())}, in {ahead};"
+                f" {clock}: set the clock, or {todo}"
             )
         if self._now > about.ends:
             ago = self._now - about.ends
             doubt = f"; {clock}: set it, if it is wrong, or" if ago > CLOCK_OFF else ":"
-            yield f"{file} expired {_shown(about.ends)}, {_span(ago)} ago{doubt} {todo}"
+            yield f"{file} expired {shown(about.ends.timestamp())}, {_span(ago)} ago{doubt} {todo}"
 
     def _remedy(self, *, anew: bool = False) -> str:
         if self._store.issues and anew:
@@ -163,10 +164,6 @@ class Checks:
             "`armadico keys host` on the computer that has the authority's key writes new ones for"
             " this computer"
         )
-
-
-def _shown(time: datetime) -> str:
-    return f"{time:%Y-%m-%d %H:%M} UTC"
 
 
 def _span(span: timedelta) -> str:

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from armadico.core.config_errors import ConfigError
-from armadico.keys.asking import ending, refresh
+from armadico.keys.asking import refresh
+from armadico.keys.expiry import ending
 from armadico.keys.store import Identity, Store, stamp
 from armadico.mesh.door import ACCESS, TLS, USER, Door
 

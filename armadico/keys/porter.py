@@ -33,7 +33,8 @@ from pathlib import Path
 from typing import Final
 
 from armadico.keys.admission import NO_TLS, Admission, failure, introduced
-from armadico.keys.asking import LINKS, RENEWAL
+from armadico.keys.asking import RENEWAL
+from armadico.keys.expiry import LINKS
 from armadico.keys.link import Link
 from armadico.keys.lobby import Lobby, source_of
 from armadico.keys.store import Store
@@ -235,7 +236,7 @@ class Porter:
         except OSError as error:
             self._turn_away(newcomer, failure(error))
         else:
-            self._lobby.introduced(newcomer)
+            self._lobby.introduced(newcomer, time.monotonic())
             self._admit(newcomer, outer)
 
     def _admit(self, newcomer: Newcomer, outer: ssl.SSLSocket) -> None:

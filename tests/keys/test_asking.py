@@ -9,7 +9,8 @@ import pytest
 
 from armadico.core.config_errors import ConfigError
 from armadico.keys import authority
-from armadico.keys.asking import LINKS, ask, ending, renewed, validity
+from armadico.keys.asking import ask, renewed
+from armadico.keys.expiry import LINKS, ending, validity
 from armadico.keys.store import Identity, Store, write_private
 
 from .labs import NAMESPACE, Lab

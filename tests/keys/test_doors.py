@@ -12,7 +12,7 @@ from queue import SimpleQueue
 
 import pytest
 
-from armadico.keys.asking import LINKS, validity
+from armadico.keys.expiry import LINKS, validity
 from armadico.keys.listening import Listening
 from armadico.keys.renewing import Renewing
 from armadico.mesh.sockets import socket_of
