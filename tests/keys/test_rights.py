@@ -9,6 +9,7 @@ import pytest
 import armadico
 from armadico.core.agent import Agent
 from armadico.core.resources import WHEELS
+from armadico.keys.commands.rights import explanation
 from armadico.keys.derived import contradictions
 from armadico.keys.deriving import RightsError, Subject, table
 from armadico.keys.expressions import covers
@@ -76,6 +77,31 @@ def test_every_right_of_an_installed_class_names_a_line_with_its_declaration() -
         attribute = because.what.split(",")[0].rpartition(".")[2]
         said = lines[because.line - 1]
         assert attribute in said or because.what.startswith("every "), right
+
+
+@pytest.mark.parametrize(
+    ("key", "line"),
+    [
+        ("robot/cmd/goto-1f", "publishes robot/cmd/goto-$*: goto ("),
+        ("robot/cmd/goto-slow-1f", "publishes robot/cmd/goto-$*: goto ("),
+        ("robot/cmd/goto-fast-1f", "publishes robot/cmd/goto-fast-$*: goto-fast ("),
+        (
+            "robot/cmd/ghost-1f",
+            "each publisher of Command has keys of its own, such as robot/cmd/goto-$*",
+        ),
+        (
+            "robot/stop/ghost-1f",
+            "each publisher of Stop has keys of its own, such as robot/stop/goto-$*",
+        ),
+        ("robot/state", "which no class of an identity has in its `provides`"),
+        ("robot/nothing", "no installed message has this key"),
+    ],
+)
+def test_a_key_is_explained_by_who_may_use_it_or_why_no_identity_may(key: str, line: str) -> None:
+    found = [*explanation(of(Goto, GotoFast), f"robot1/{key}", "robot1")]
+    assert any(line in each for each in found), found
+    publishers = [each for each in found if each.startswith("publishes")]
+    assert len(publishers) + found[-1].startswith("no identity publishes") == 1
 
 
 def test_a_plug_in_without_declarations_is_named() -> None:
