@@ -73,7 +73,7 @@ class Admission:
         try:
             self._read()
         except ConfigError as error:
-            logger.error("the keys of before stay in use: %s", error)
+            logger.error("the keys that were read before stay in use: %s", error)
             return False
         return True
 

@@ -69,9 +69,9 @@ def ask(
         raise ConfigError(UNVERIFIED.get(error.verify_code, FOREIGN)) from None
     except OSError as error:
         why = error.strerror or str(error)
-        raise ConfigError(f"{endpoint} cannot be asked for it: {why}") from None
+        raise ConfigError(f"{endpoint} gives no new certificate: {why}") from None
     if not answer.startswith(PEM):
-        raise ConfigError(answer.decode(errors="replace") or f"{endpoint} gave no answer")
+        raise ConfigError(answer.decode(errors="replace") or f"{endpoint} sent no answer")
     check(identity, answer, endpoint, wall())
     return answer
 

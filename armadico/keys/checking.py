@@ -83,31 +83,22 @@ class Checks:
         except OSError as error:
             yield f"{error.filename} cannot be read: {error.strerror}"
             return
+        file = self._store.authority
         try:
-            about = facts(authority)
-        except KeyFileError as error:
-            yield f"{self._store.authority} {error}: {self._remedy()}"
-            return
-        yield from self._times(self._store.authority, about, "`armadico keys init --anew`")
-        try:
+            yield from self._times(file, facts(authority), "`armadico keys init --anew`")
+            file = identity.certificate
             about = facts(certificate)
-        except KeyFileError as error:
-            yield f"{identity.certificate} {error}: {self._remedy()}"
-            return
-        yield from self._times(identity.certificate, about, self._remedy())
-        if about.name != identity.name:
-            named = about.name or "without a name"
-            yield f"{identity.certificate} is {named}, not {identity.name}: {self._remedy()}"
-        if not is_issued_by(certificate, authority):
-            yield (
-                f"{identity.certificate} is not of the authority in {self._store.authority}:"
-                f" {self._remedy()}"
-            )
-        try:
+            yield from self._times(file, about, self._remedy())
+            if about.name != identity.name:
+                named = about.name or "no single name"
+                yield f"{file} is of {named}, not of {identity.name}: {self._remedy()}"
+            if not is_issued_by(certificate, authority):
+                yield f"{file} is not of the authority in {self._store.authority}: {self._remedy()}"
+            file = identity.private
             if not is_pair(certificate, private):
-                yield f"{identity.private} is not the key of its certificate: {self._remedy()}"
+                yield f"{file} is not the key of its certificate: {self._remedy()}"
         except KeyFileError as error:
-            yield f"{identity.private} {error}: {self._remedy()}"
+            yield f"{file} {error}: {self._remedy()}"
 
     def on_socket(self, identity: Identity) -> Iterator[str]:
         """What is wrong with an identity, for a link by the socket on the robot's computer."""

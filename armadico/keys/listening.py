@@ -109,10 +109,8 @@ class Listening:
         try:
             door = self._remake()
             users = self._read_users(door)
-            if before.door is not None and (users, door.settings) == (
-                self._users,
-                before.door.settings,
-            ):
+            assert before.door is not None, "`__init__` has checked it"
+            if (users, door.settings) == (self._users, before.door.settings):
                 return
             self._mesh.reopen(before._replace(door=door))
         except (ConfigError, MeshError) as error:
@@ -120,7 +118,8 @@ class Listening:
             return
         left, came = _names(self._users) - _names(users), _names(users) - _names(self._users)
         self._users = users
-        changes = [f"{name} is out" for name in sorted(left)] + [f"{n} is in" for n in sorted(came)]
+        changes = [f"{n} was removed" for n in sorted(left)]
+        changes += [f"{n} was added" for n in sorted(came)]
         logger.warning("identities have changed: %s", ", ".join(changes) or "new keys or rights")
 
     def _read_users(self, door: Door) -> bytes:

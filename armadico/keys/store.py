@@ -176,8 +176,8 @@ class Store:
         """Raise ConfigError if there are no keys, or other users can read the folder."""
         if not self.authority.is_file():
             raise ConfigError(
-                f"no keys in {self.folder}: `armadico keys init` makes them on one computer, and"
-                " `armadico keys host` there an archive for each other one"
+                f"no keys in {self.folder}: run `armadico keys init` on one computer, and then"
+                " `armadico keys host` there for each other computer"
             )
         check_private(self.folder)
 

@@ -5,6 +5,16 @@ from __future__ import annotations
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import (
+    Encoding,
+    NoEncryption,
+    PrivateFormat,
+    load_pem_private_key,
+)
+from cryptography.x509.oid import NameOID
+
 from armadico.config.hosts import HostTable, load_hosts
 from armadico.keys.authority import Pair, create, issue
 from armadico.keys.issuing import Issuer
@@ -81,3 +91,20 @@ class Lab:
         at = datetime.now(UTC) + timedelta(seconds=begins_s)
         whole = name if full else f"{NAMESPACE}/{name}"
         return issue(self.pair, whole, at, hours=lives_s / 3600.0)
+
+
+def named(authority: Pair, *names: str) -> Pair:
+    """A certificate for an hour from now with any number of common names."""
+    key, now = Ed25519PrivateKey.generate(), datetime.now(UTC)
+    signer = load_pem_private_key(authority.private, None)
+    assert isinstance(signer, Ed25519PrivateKey)
+    issuer = x509.load_pem_x509_certificate(authority.certificate).subject
+    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name) for name in names])
+    certificate = (
+        x509.CertificateBuilder(issuer, subject, key.public_key(), x509.random_serial_number())
+        .not_valid_before(now - timedelta(hours=1))
+        .not_valid_after(now + timedelta(hours=1))
+        .sign(signer, None)
+    )
+    private = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+    return Pair(certificate.public_bytes(Encoding.PEM), private)

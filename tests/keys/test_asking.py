@@ -81,7 +81,7 @@ def test_what_is_not_renewed_is_named(door: Door, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="compare the clocks"):
         ask(store, identity, endpoint(door), wall=lambda: datetime.now(UTC).timestamp() - year)
 
-    with pytest.raises(ConfigError, match="cannot be asked"):
+    with pytest.raises(ConfigError, match="gives no new certificate"):
         ask(store, identity, "tls/127.0.0.1:1")
     with pytest.raises(ConfigError, match="has no port of the robot"):
         renewed(store, identity, [])

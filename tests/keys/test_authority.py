@@ -5,9 +5,6 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 from cryptography import x509
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from cryptography.hazmat.primitives.serialization import Encoding
-from cryptography.x509.oid import NameOID
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,7 +16,7 @@ from armadico.keys.authority import (
     is_pair,
     issue,
 )
-from tests.keys.labs import NOW
+from tests.keys.labs import NOW, named
 
 AUTHORITY = create("lab", NOW)
 OTHER = create("lab", NOW)
@@ -74,12 +71,5 @@ def test_what_is_no_certificate_or_key_is_named(what: bytes) -> None:
 
 def test_a_certificate_with_several_names_has_none() -> None:
     """Zenoh and the porter could each take another one."""
-    key = Ed25519PrivateKey.generate()
-    names = [x509.NameAttribute(NameOID.COMMON_NAME, name) for name in ("r/goto", "r/robot")]
-    certificate = (
-        x509.CertificateBuilder(x509.Name(names), x509.Name(names), key.public_key(), 1)
-        .not_valid_before(NOW)
-        .not_valid_after(NOW + timedelta(hours=1))
-        .sign(key, None)
-    )
-    assert facts(certificate.public_bytes(Encoding.PEM)).name == ""
+    assert facts(named(AUTHORITY, "r/goto").certificate).name == "r/goto"
+    assert facts(named(AUTHORITY, "r/goto", "r/robot").certificate).name == ""

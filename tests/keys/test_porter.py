@@ -8,24 +8,16 @@ import ssl
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 
 import pytest
-from cryptography import x509
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from cryptography.hazmat.primitives.serialization import (
-    Encoding,
-    NoEncryption,
-    PrivateFormat,
-    load_pem_private_key,
-)
 
 from armadico.keys.authority import Pair, create
 from armadico.keys.link import LARGEST
 from armadico.keys.porter import LINKS_OF_A_NAME
 from armadico.mesh.ports import LOOPBACK
 
-from .labs import NAMESPACE, Lab
+from .labs import NAMESPACE, Lab, named
 from .porters import SOON, Door, closes, works
 
 # Who gets a link ----------------------------------------------------------------------------------
@@ -49,36 +41,13 @@ def test_what_a_member_and_the_router_send_arrives_whole(door: Door) -> None:
     assert bytes(back) == sent
 
 
-def _foreign(_: Lab) -> Pair:
-    from armadico.keys.authority import issue
-
-    return issue(create("lab", datetime.now(UTC)), f"{NAMESPACE}/goto", datetime.now(UTC))
-
-
-def _nameless(lab: Lab) -> Pair:
-    key, now = Ed25519PrivateKey.generate(), datetime.now(UTC)
-    signer = load_pem_private_key(lab.pair.private, None)
-    assert isinstance(signer, Ed25519PrivateKey)
-    certificate = (
-        x509.CertificateBuilder()
-        .subject_name(x509.Name([]))
-        .issuer_name(x509.load_pem_x509_certificate(lab.pair.certificate).subject)
-        .public_key(key.public_key())
-        .serial_number(7)
-        .not_valid_before(now - timedelta(hours=1))
-        .not_valid_after(now + timedelta(hours=1))
-        .sign(signer, None)
-    )
-    private = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
-    return Pair(certificate.public_bytes(Encoding.PEM), private)
-
-
 STRANGERS: dict[str, Callable[[Lab], Pair | None]] = {
     "none": lambda _: None,
-    "foreign authority": _foreign,
+    "foreign authority": lambda _: named(create("lab", datetime.now(UTC)), f"{NAMESPACE}/goto"),
     "expired": lambda lab: lab.pair_of("goto", begins_s=-7200.0),
     "not yet valid": lambda lab: lab.pair_of("goto", begins_s=7200.0),
-    "no common name": _nameless,
+    "no common name": lambda lab: named(lab.pair),
+    "two common names": lambda lab: named(lab.pair, f"{NAMESPACE}/goto", f"{NAMESPACE}/avoid"),
     "another society's": lambda lab: lab.pair_of("robot2/goto", full=True),
     "no member": lambda lab: lab.pair_of("gothrough"),
     "a robot's name": lambda lab: lab.pair_of("goto/robot"),
