@@ -55,7 +55,8 @@ class Checks:
             except ConfigError as error:
                 yield str(error)
                 continue
-            yield from derived.named(self._store, namespace, stored, now)
+            found = derived.contradictions(stored, now)
+            yield from derived.named(self._store, namespace, found)
             for agent in now.silent:
                 yield (
                     f"the class of agent {agent} declares nothing, so it may do only what every"

@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path
 
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+
 from armadico.core.config_errors import ConfigError
 from armadico.keys.authority import (
     BEFORE,
@@ -167,7 +169,11 @@ class Issuer:
         return list(new)
 
     def _issue(
-        self, member: Member, now: datetime, addresses: Sequence[str], public: bytes | None = None
+        self,
+        member: Member,
+        now: datetime,
+        addresses: Sequence[str],
+        public: Ed25519PublicKey | None = None,
     ) -> Pair:
         server = _server(member)
         try:

@@ -65,8 +65,8 @@ def test_no_certificate_but_the_authoritys_issues_others() -> None:
 def test_what_is_no_certificate_or_key_is_named(what: bytes) -> None:
     with pytest.raises(KeyFileError, match="is not a certificate in PEM"):
         facts(what)
-    with pytest.raises(KeyFileError, match="is not an Ed25519 public key in PEM"):
-        issue(AUTHORITY, "robot1/goto", NOW, public=what)
+    with pytest.raises(KeyFileError, match="is not a private key in PEM"):
+        is_pair(AUTHORITY.certificate, what[:50])
 
 
 def test_a_certificate_with_several_names_has_none() -> None:

@@ -61,7 +61,7 @@ def run(args: Options) -> int:
     else:
         print("\n".join(_summary(table)))
     now = derived.derive(store.members().values(), namespace)
-    for line in derived.named(store, namespace, table, now):
+    for line in derived.named(store, namespace, derived.contradictions(table, now)):
         options.report(line)
     return 0
 
