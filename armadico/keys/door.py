@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -17,7 +17,7 @@ from armadico.mesh.door import ACCESS, TLS, USER, Door
 
 if TYPE_CHECKING:
     from armadico.config.endpoints import Endpoints
-    from armadico.keys.rights import Does, Table
+    from armadico.keys.rights import Table
     from armadico.keys.signing import Verifier
     from armadico.mesh.zenoh import ZenohMesh
 
@@ -95,7 +95,6 @@ class _Rights:
     def __init__(self, identity: Identity, store: Store) -> None:
         self._identity, self._store = identity, store
         self._table: Table | None = None
-        self._own: Mapping[Does, tuple[set[str], set[str]]] = {}
         self._written: object = None
 
     def _read(self) -> Table | None:
@@ -106,8 +105,6 @@ class _Rights:
             written = stamp(file_of(self._store, identity.namespace))
             if written is None or written != self._written:
                 self._table, self._written = load(self._store, identity.namespace), written
-                known = identity.last in self._table.speakers
-                self._own = self._table.expressions(identity.last) if known else {}
         except (OSError, ConfigError):
             return None
         return self._table
@@ -119,10 +116,10 @@ class _Rights:
 
     def forbidden(self, does: str, key: str) -> str:
         """`Door.forbidden`: without a table nothing is known to be."""
-        from armadico.keys.expressions import permits
         from armadico.keys.rights import Does
 
-        if self._read() is None or not self._own or permits(*self._own[Does(does)], key):
+        table, own = self._read(), self._identity.last
+        if table is None or own not in table.speakers or table.why(own, Does(does), key):
             return ""
         return (
             f"{self._identity.name} has no right to {does} {key}, so the robot's router drops it;"

@@ -6,14 +6,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from functools import cache
-
-
-def permits(allowed: Iterable[str], denied: Iterable[str], key: str) -> bool:
-    """Return whether key expressions allow a key, or an expression, as Zenoh decides it."""
-    covered = any(covers(rule, key) for rule in allowed)
-    return covered and not any(covers(rule, key) for rule in denied)
 
 
 def covers(rule: str, key: str) -> bool:

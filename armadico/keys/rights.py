@@ -122,10 +122,6 @@ class Table(Struct, frozen=True):
             if instances(own) in chunks
         }
 
-    def expressions(self, identity: str) -> dict[Does, tuple[set[str], set[str]]]:
-        """Return `allowed` and `denied` of each kind of message, for `permits`."""
-        return {does: (self.allowed(identity, does), self.denied(identity, does)) for does in Does}
-
     def why(self, identity: str, does: Does, key: str) -> Right | None:
         """Return the right that allows a message; None if it is forbidden."""
         if any(covers(denied, key) for denied in self.denied(identity, does)):

@@ -18,7 +18,7 @@ import pytest
 import zenoh
 
 from armadico.core.messages import Log
-from armadico.keys.expressions import covers, permits
+from armadico.keys.expressions import covers
 from armadico.keys.rights import Does, Table
 from armadico.mesh import sockets
 from armadico.mesh.door import ACCESS, MCP, PAGE, ROS2, SIMULATOR, USER, VIEWER, Door
@@ -119,8 +119,12 @@ class Lab:
         assert any(True for _ in found), "every identity may look for its router"
 
     def allowed(self, identity: str, does: Does) -> set[str]:
-        rules = self.rights.expressions(identity)[does]
-        return {key for key in self.expressions if permits(*rules, key)}
+        rights, denied = self.rights.allowed(identity, does), self.rights.denied(identity, does)
+
+        def covered(key: str, rules: set[str]) -> bool:
+            return any(covers(rule, key) for rule in rules)
+
+        return {k for k in self.expressions if covered(k, rights) and not covered(k, denied)}
 
 
 def rooted(key: str) -> str:
@@ -322,10 +326,9 @@ def test_a_process_without_a_name_gets_no_link(lab: Lab) -> None:
 def test_a_process_logs_once_what_the_router_drops(
     lab: Lab, caplog: pytest.LogCaptureFixture
 ) -> None:
-    rules = lab.rights.expressions("goto")
-
     def forbidden(does: str, key: str) -> str:
-        return "" if permits(*rules[Does(does)], key) else f"goto may not {does} {key}"
+        allowed = lab.rights.why("goto", Does(does), key)
+        return "" if allowed else f"goto may not {does} {key}"
 
     settings = {f"{USER}user": f"{NAMESPACE}/goto", f"{USER}password": "password"}
     door = Door(f"{NAMESPACE}/goto", settings, forbidden=forbidden)
