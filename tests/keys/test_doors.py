@@ -193,7 +193,7 @@ def test_a_clock_off_by_a_year_is_named_and_changes_no_certificate(
     society.router()
     door = society.where("lab2").door("goto")
     assert door is not None
-    where = topology(connect=society.endpoint, door=door._replace(keep=None))
+    where = topology(connect=society.endpoint, door=door.abroad())
     client = society.open(ZenohMesh(NAMESPACE, where))
     before = society.identity().certificate.read_bytes()
     wall = (datetime.now(UTC) + timedelta(days=days)).timestamp()

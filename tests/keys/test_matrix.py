@@ -326,12 +326,13 @@ def test_a_process_without_a_name_gets_no_link(lab: Lab) -> None:
 def test_a_process_logs_once_what_the_router_drops(
     lab: Lab, caplog: pytest.LogCaptureFixture
 ) -> None:
-    def forbidden(does: str, key: str) -> str:
-        allowed = lab.rights.why("goto", Does(does), key)
-        return "" if allowed else f"goto may not {does} {key}"
+    class Named(Door):
+        def forbidden(self, does: str, key: str) -> str:
+            allowed = lab.rights.why("goto", Does(does), key)
+            return "" if allowed else f"goto may not {does} {key}"
 
     settings = {f"{USER}user": f"{NAMESPACE}/goto", f"{USER}password": "password"}
-    door = Door(f"{NAMESPACE}/goto", settings, forbidden=forbidden)
+    door = Named(f"{NAMESPACE}/goto", settings)
     with ZenohMesh(NAMESPACE, topology(door=door)) as mesh:
         assert mesh.wait_joined(ANSWER_S)
         mesh.subscribe("robot/state", lambda *_: None)

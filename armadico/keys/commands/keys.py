@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Final
 
 from armadico.cli import parsing
-from armadico.cli.parsing import ArgumentParser, Command, UsageError
+from armadico.cli.parsing import ArgumentParser, UsageError
 from armadico.core.errors import UnknownNameError
 
 EXAMPLES: Final = """\
@@ -39,7 +39,9 @@ def main(argv: Sequence[str]) -> int:
         raise UsageError(f"name a verb, of {', '.join(VERBS)}; `armadico keys --help` has more")
     if words[0] not in VERBS:
         raise UnknownNameError("verb of `armadico keys`", words[0], VERBS)
-    command: Command = import_module(f"armadico.keys.commands.{words[0]}").COMMAND
+    command: Callable[[Sequence[str]], int] = import_module(
+        f"armadico.keys.commands.{words[0]}"
+    ).COMMAND
     return command(words[1:])
 
 
