@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from importlib import import_module
 from typing import Final
 
@@ -39,10 +39,8 @@ def main(argv: Sequence[str]) -> int:
         raise UsageError(f"name a verb, of {', '.join(VERBS)}; `armadico keys --help` has more")
     if words[0] not in VERBS:
         raise UnknownNameError("verb of `armadico keys`", words[0], VERBS)
-    command: Callable[[Sequence[str]], int] = import_module(
-        f"armadico.keys.commands.{words[0]}"
-    ).COMMAND
-    return command(words[1:])
+    verb = import_module(f"armadico.keys.commands.{words[0]}")
+    return int(verb.COMMAND(words[1:]))
 
 
 def parser() -> ArgumentParser:
