@@ -25,6 +25,9 @@ TURNS: Final = 4
 """Most reads of one link before the others get their turn."""
 
 
+FLOWS: Final = (selectors.EVENT_READ, selectors.EVENT_READ)
+
+
 @dataclass(eq=False, slots=True)
 class Link:
     """A client that was admitted, and the connection to the router that is made for it.
@@ -68,6 +71,8 @@ class Link:
     def events(self) -> tuple[int, int]:
         """The events to wait for, of the client's end and of the router's."""
         is_open = self.closing is None and not self.is_unserved
+        if is_open and self.inner is not None and not (self.inward or self.outward):
+            return FLOWS  # nearly always
         outer = _interest(is_open, self.inward, self.outward)
         return outer, 0 if self.inner is None else _interest(is_open, self.outward, self.inward)
 

@@ -35,7 +35,7 @@ from typing import Final
 from armadico.keys.admission import NO_TLS, Admission, failure, introduced
 from armadico.keys.asking import RENEWAL
 from armadico.keys.expiry import LINKS
-from armadico.keys.link import Link
+from armadico.keys.link import FLOWS, Link
 from armadico.keys.lobby import Lobby, source_of
 from armadico.keys.store import Store
 
@@ -296,12 +296,15 @@ class Porter:
             logger.debug("the link of %s from %s: %s", link.name, link.peer, error)
             self._drop(link)
             return
+        events = link.events
+        if events is FLOWS and link.watched is FLOWS and not (link.has_more or self._again):
+            return
         if link.is_over:
             self._drop(link)
             return
         (self._again.add if link.has_more else self._again.discard)(link)
         (self._unserved.add if link.is_unserved else self._unserved.discard)(link)
-        if (events := link.events) != link.watched:
+        if events != link.watched:
             link.watched = events
             for end, of_end in zip(link.sockets, events, strict=False):  # the router's may be none
                 self._watch(end, of_end, link)
