@@ -292,7 +292,7 @@ class ZenohMesh(Reader, Monotonic):
 
     def _keep_door(self) -> None:
         door = self._where.door
-        if door is not None and door.keep is not None:
+        if door is not None and not door.is_foreign:
             self._stop_keeping = door.keep(self)
 
     def reopen(self, where: Topology) -> None:
@@ -614,7 +614,7 @@ class ZenohMesh(Reader, Monotonic):
     def _note_forbidden(self, does: str, key: str) -> None:
         """Log once that the router drops a kind of message: nothing else tells its sender."""
         door = self._where.door
-        if door is None or self._where.router or (does, key) in self._noted:
+        if door is None or door.is_foreign or self._where.router or (does, key) in self._noted:
             return
         if len(self._noted) < NOTED:
             self._noted.add((does, key))
@@ -774,7 +774,7 @@ class PeerLinks:
             door: The robot's identity as their client.
         """
         self._mesh = mesh
-        self._door = None if door is None else door.as_client()
+        self._door = None if door is None else door.abroad()
         self._elsewhere = tuple(elsewhere)
         self._links: dict[str, ZenohMesh] = {}
         self._over = threading.Event()
