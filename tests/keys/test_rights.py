@@ -92,6 +92,15 @@ def test_a_plug_in_without_declarations_is_named() -> None:
     assert not everybody().silent
 
 
+def test_every_identity_may_query_the_tokens_that_it_may_watch() -> None:
+    """A foreign program that only queries them would otherwise seem to be alone, and join."""
+    rights = everybody()
+    for identity in rights.speakers:
+        watched = {right.key for right in rights.of(identity) if right.does is Does.WATCH}
+        looked = {right.key for right in rights.of(identity) if right.does is Does.LOOK}
+        assert watched == looked, identity
+
+
 def test_names_that_cannot_be_told_apart_are_refused() -> None:
     with pytest.raises(RightsError, match="called 'viewer'"):
         table([Member("a", {"viewer": Goto}), Member("viewer", {}, Viewer)])
