@@ -61,6 +61,7 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
         _Verify(found.namespace, store),
         _keeper(where, name, router=router),
         may_be_critical=rights.may_be_critical,
+        may_own=rights.may_own,
         doubts=partial(_doubts, store, found.namespace),
         forbidden=rights.forbidden,
         ending=lambda: ending(store, where.namespace, time.time()),
@@ -115,6 +116,11 @@ class _Rights:
         """`Door.may_be_critical`: without a table no bid may be."""
         table = self._read()
         return table is not None and table.may_be_critical(instance, resource)
+
+    def may_own(self, instance: str, resource: str) -> bool:
+        """`Door.may_own`: without a table nothing may be owned."""
+        table = self._read()
+        return table is not None and table.may_own(instance, resource)
 
     def forbidden(self, does: str, key: str) -> str:
         """`Door.forbidden`: without a table nothing is known to be."""

@@ -59,6 +59,7 @@ class Door(NamedTuple):
             agents' classes declare, a sentence each.
         may_be_critical: Whether an instance's bids for a resource may be critical
             (`armadico.core.individual.Identity`).
+        may_own: Whether an instance may own a resource.
         ending: Returns the certificates that soon end a link, and in how many seconds: on the
             robot's computer those of all links from other ones, elsewhere those of the computer.
             It reads files.
@@ -72,6 +73,7 @@ class Door(NamedTuple):
     verify: Callable[[str, bytes, bytes], bool] = lambda *_: False
     keep: Callable[[Any], Callable[[], None]] | None = None
     may_be_critical: Callable[[str, str], bool] | None = None
+    may_own: Callable[[str, str], bool] | None = None
     ending: Callable[[], Mapping[str, float]] = dict
     doubts: Callable[[Sequence[Sequence[str]]], Sequence[str]] = lambda _: ()
     forbidden: Callable[[str, str], str] = lambda *_: ""
