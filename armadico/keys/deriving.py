@@ -183,6 +183,8 @@ def _watched() -> _Granted:
     because = in_module(services, "TOKEN", "every client watches tokens")
     yield Does.WATCH, expression(TOKEN), because
     yield Does.WATCH, ROUTER, because
+    # Watching with history gives the same: a program that only queries them would seem to be alone.
+    yield Does.LOOK, expression(TOKEN), because
     yield Does.LOOK, ROUTER, because
 
 

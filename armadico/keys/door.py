@@ -103,6 +103,11 @@ class _KeyDoor(Door):
         table = self._rights()
         return table is not None and table.may_be_critical(instance, resource)
 
+    def may_own(self, instance: str, resource: str) -> bool:
+        """`Door.may_own`: without a table nothing may be owned."""
+        table = self._rights()
+        return table is not None and table.may_own(instance, resource)
+
     def forbidden(self, does: str, key: str) -> str:
         from armadico.keys.rights import Does
 

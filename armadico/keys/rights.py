@@ -148,6 +148,12 @@ class Table(Struct, frozen=True):
         by = self.speaker(instance)
         return any(each.agent == by and each.resource == resource for each in self.critical)
 
+    def may_own(self, instance: str, resource: str) -> bool:
+        """Return whether an instance may acknowledge a resource."""
+        by, ack = self.speaker(instance), f"resource/{resource}/ack"
+        mine = (name for name, speakers in self.speakers.items() if by in speakers)
+        return any(self.why(name, Does.PUT, ack) for name in mine)
+
     def access_control(self, namespace: str, robots: Iterable[str] = ()) -> dict[str, object]:
         """Return Zenoh's `access_control` for the robot's router.
 

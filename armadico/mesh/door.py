@@ -99,6 +99,10 @@ class Door:
         """Return whether an instance's bids may be critical (`armadico.core.individual`)."""
         return True
 
+    def may_own(self, instance: str, resource: str) -> bool:
+        """Return whether an instance may own a resource."""
+        return True
+
     def forbidden(self, does: str, key: str) -> str:
         """Return why the robot's router drops a kind of Zenoh message on a key; "" if not."""
         return ""

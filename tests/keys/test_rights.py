@@ -109,6 +109,23 @@ def test_a_plug_in_without_declarations_is_named() -> None:
     assert not everybody().silent
 
 
+def test_only_the_classes_that_own_a_resource_may_own_it() -> None:
+    rights = everybody()
+    assert rights.may_own("robot-1f", "wheels")
+    assert rights.may_own("interface-1f", "trajectory")
+    for instance in ("goto-1f", "interface-1f", "stranger-1f", f"{ANNA}-1f"):
+        assert not rights.may_own(instance, "wheels"), instance
+
+
+def test_every_identity_may_query_the_tokens_that_it_may_watch() -> None:
+    """A foreign program that only queries them would otherwise seem to be alone, and join."""
+    rights = everybody()
+    for identity in rights.speakers:
+        watched = {right.key for right in rights.of(identity) if right.does is Does.WATCH}
+        looked = {right.key for right in rights.of(identity) if right.does is Does.LOOK}
+        assert watched == looked, identity
+
+
 def test_names_that_cannot_be_told_apart_are_refused() -> None:
     with pytest.raises(RightsError, match="called 'viewer'"):
         table([Subject("a", {"viewer": Goto}), Subject("viewer", {}, Viewer)])
