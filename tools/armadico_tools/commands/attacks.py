@@ -22,6 +22,7 @@ EXAMPLES: Final = """\
   armadico attacks stop release             these two, on a society without keys
   armadico attacks --keys                   a stranger on a society with keys
   armadico attacks --keys --as goto         a program that has goto's key
+  armadico attacks --keys --as mcp --table  the same with mcp's, as a table in Markdown
   armadico attacks --keys --links           which certificates and passwords get a link
   sudo .venv/bin/armadico attacks --keys --floods    do killed agents come back meanwhile?
 """
@@ -46,6 +47,7 @@ class Options:
     )
     seconds: int = option("attack for so long, s", default=3, metavar="S", must=at_least(1))
     json: bool = flag("print JSON")
+    table: bool = flag("print a table in Markdown, as the page of security has it")
     list: bool = flag("list the attacks")
 
 
@@ -73,14 +75,28 @@ def run(args: Options) -> int:
             chosen, args.who, args.seconds, keys=args.keys, links=args.links, report=options.report
         ):
             outcomes.append(outcome)
-            if not args.json:
+            if not (args.json or args.table):
                 print(f"{outcome.who:<28}{outcome.name:<18}{outcome.text}", flush=True)
     except running.VictimError as error:
         raise FailedError(str(error)) from None
     finally:
         if args.json:
             print(json.dumps([outcome._asdict() for outcome in outcomes], indent=1))
+        elif args.table:
+            print(*_table(outcomes), sep="\n")
     return int(args.keys and any(o.is_stranger and (o.linked or o.effects) for o in outcomes))
+
+
+def _table(outcomes: Sequence[Outcome]) -> list[str]:
+    """The outcomes as a table: a row for each attack, a column for each attacker."""
+    whos = list(dict.fromkeys(outcome.who for outcome in outcomes))
+    texts = {(o.name, o.who): o.text if o.effects or not o.linked else "-" for o in outcomes}
+    rows = [["attack", *whos], ["---"] * (len(whos) + 1)]
+    rows += (
+        [f"`{name}`", *(texts.get((name, who), "not tried") for who in whos)]
+        for name in dict.fromkeys(outcome.name for outcome in outcomes)
+    )
+    return [f"| {' | '.join(row)} |" for row in rows]
 
 
 def _floods(*, as_json: bool) -> int:
