@@ -80,11 +80,16 @@ def run(args: Options) -> int:
     except running.VictimError as error:
         raise FailedError(str(error)) from None
     finally:
-        if args.json:
-            print(json.dumps([outcome._asdict() for outcome in outcomes], indent=1))
-        elif args.table:
-            print(*_table(outcomes), sep="\n")
+        for line in _whole(args, outcomes):
+            print(line)
     return int(args.keys and any(o.is_stranger and (o.linked or o.effects) for o in outcomes))
+
+
+def _whole(args: Options, outcomes: Sequence[Outcome]) -> list[str]:
+    """What is printed of all outcomes at the end."""
+    if args.json:
+        return [json.dumps([outcome._asdict() for outcome in outcomes], indent=1)]
+    return _table(outcomes) if args.table else []
 
 
 def _table(outcomes: Sequence[Outcome]) -> list[str]:
