@@ -173,7 +173,7 @@ class Killed(NamedTuple):
         flood: What the stranger did meanwhile.
         host: Where the agent ran.
         held: Whether its process held the wheels.
-        paused: The longest time without a newly obeyed command, until the agent was back.
+        paused: The longest time without a newly obeyed command, until the robot drove on.
         back: Until a new process of it had its token; None: not within `LIMIT_S`. The society waits
             1 to 2 s before it restarts an agent.
     """
@@ -189,6 +189,9 @@ class Killed(NamedTuple):
 LIMIT_S: Final = 20.0
 SETTLES_S: Final = 3.0
 """How long a flood lasts before an agent is killed."""
+
+AFTER_S: Final = 2.0
+"""How long the drive is watched at least once an agent is back: its messages may come later."""
 
 DRIVES_S: Final = 1.0
 """The robot drives again when commands were obeyed for so long."""
@@ -269,6 +272,7 @@ def killed(client: Client, drive: Obeyed, flood: str, host: str, name: str) -> K
     new = client.wait_for(lambda: [i for n, i in client.alive - before if n == name], LIMIT_S)
     back = client.mesh.now() - began if new else None
     if drive.holder:
+        client.wait_for(lambda: False, AFTER_S)
         client.wait_for(lambda: drive.lasts(DRIVES_S), LIMIT_S)
     return Killed(flood, host, name, held, drive.paused(began, client.mesh.now()), back)
 
