@@ -32,6 +32,9 @@ ALONE_S: Final = 0.2  # without any token, links may still be coming up for this
 ANNOUNCED_S: Final = 0.15
 CARD_S: Final = 0.5  # timeout of a query for a card
 AGAIN_S: Final = 5.0  # when a card is queried again after a timeout, or if it conflicts
+# Each further timeout of an instance that does not conflict doubles that, up to this multiple: a
+# token without an agent costs each process a query each time.
+PATIENCE: Final = 16
 # For so long after it has joined, an instance counts as the newcomer, as slow links come up. For as
 # long it waits for an owner of its own protocol before it leaves.
 GRACE_S: Final = 2.0
@@ -99,6 +102,7 @@ class Admission:
         self._queried: dict[str, float] = {}  # by instance: when its card was queried
         self._query_at: dict[str, float] = {}  # by instance: when its card is to be queried
         self._cards: dict[str, Card] = {}
+        self._patience: dict[str, int] = {}  # by instance that did not reply: of `AGAIN_S`
 
     # Inputs --------------------------------------------------------------------------------------
 
@@ -112,7 +116,7 @@ class Admission:
     def disappeared(self, instance: str, now: float) -> None:
         if self._alive.pop(instance, None) is not None:
             self._note_change(now)
-        for by_instance in (self._queried, self._query_at, self._cards):
+        for by_instance in (self._queried, self._query_at, self._cards, self._patience):
             by_instance.pop(instance, None)
 
     def on_card(self, instance: str, card: Card | None, now: float) -> None:
@@ -122,8 +126,12 @@ class Admission:
             return
         if card is not None:
             self._cards[instance] = self._rightful(instance, card)
-        if card is None or self._is_rival(instance):
+        if self._is_rival(instance):
             self._query_at[instance] = now + AGAIN_S
+        elif card is None:
+            times = self._patience.get(instance, 1)
+            self._patience[instance] = min(2 * times, PATIENCE)
+            self._query_at[instance] = now + times * AGAIN_S
 
     # Outputs -------------------------------------------------------------------------------------
 

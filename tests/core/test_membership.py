@@ -496,3 +496,24 @@ def test_with_keys_the_rightful_owner_keeps_another_one_out() -> None:
     admission.on_card("lift-1", card("lift-1", owns=("lift",), tenure=9), 0.1)
     settle(admission, 0.1)
     assert admission.stage is Stage.REFUSED
+
+
+def test_tokens_without_agents_cost_ever_fewer_queries() -> None:
+    """A member can show many tokens of its own, and each process queries each one's card."""
+    admission = Admission("goto", "goto-1", 0.0)
+    now = settle(admission, 0.0)
+    forged = [f"sonar-{number:016x}" for number in range(31)]
+    for instance in forged:
+        admission.appeared("sonar", instance, now)
+    counts = []
+    for _ in range(2):
+        queried, end = 0, now + 300.0
+        while now < end:
+            for _, instance in admission.queries(now):
+                queried += 1
+                admission.on_card(instance, None, now)
+            assert admission.check(now) is Stage.JOINED
+            now = min(admission.wakeup or end, end)
+        counts.append(queried)
+    assert counts[0] <= 9 * len(forged)
+    assert counts[1] <= 5 * len(forged), "one in 80 s"
