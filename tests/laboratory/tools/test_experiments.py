@@ -251,7 +251,7 @@ def test_the_price_of_the_gate_is_that_of_pairs_that_arrived(tmp_path: Path) -> 
 
     here.found["runs"] = [sample(*task) for task in tasks]
     rows = experiment.report(here).splitlines()[2:]
-    assert len(rows) == 4
+    assert len(rows) == 6
     assert all(row.endswith("| 3 | 2 | 3 | 0 | 1 | 2 | 3.0 [3.0, 3.0] |") for row in rows)
 
 
