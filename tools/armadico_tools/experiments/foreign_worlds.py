@@ -159,7 +159,7 @@ FLOORS: Final = _plans(FLOORS_NOTE, LOCALIZED, walking=PEOPLE, first_seed=1000)
 
 GATE_NOTE: Final = (
     "The floor plans of `random-rooms`, without people: each with and without the gate"
-    " (`robot.reflex=false`), by sonars and by a laser, with ideal sensors and with `real` ones"
+    " (`robot.reflex=false`), by sonars and by lasers, with ideal sensors and with `real` ones"
     " (then localization and relocate take part). The robot, its sensors and its seed are the same"
     " in both. *Price*: mean of the pairs' ln(TT with / TT without), in per cent, over the plans"
     " where both arrived, with its 95 % interval (Student's t)."
@@ -167,7 +167,7 @@ GATE_NOTE: Final = (
 GATED: Final = tuple(
     replace(like, name=f"{robot} {like.sensors}", robot=robot)
     for like in (Cell("", ""), LOCALIZED)
-    for robot in ("pioneer-2dx", "turtlebot4")
+    for robot in ("pioneer-2dx", "jackal", "turtlebot4")
 )
 OPEN: Final = "no-gate"
 
