@@ -174,8 +174,7 @@ class Killed(NamedTuple):
         host: Where the agent ran.
         held: Whether its process held the wheels.
         paused: The longest time without a newly obeyed command, until the robot drove on.
-        back: Until a new process of it had its token; None: not within `LIMIT_S`. The society waits
-            1 to 2 s before it restarts an agent.
+        back: Until a new process of it had its token; None: not within `LIMIT_S`.
     """
 
     flood: str
