@@ -35,7 +35,7 @@ os.environ.setdefault(
 
 import zenoh
 
-from armadico.core.messages import Message, encode
+from armadico.core.messages import LARGEST_PAYLOAD, Message, encode
 from armadico.core.services import TOKEN
 from armadico.core.shared import shared
 from armadico.mesh import sockets
@@ -85,6 +85,31 @@ SETTINGS: Final[dict[str, object]] = {
     "timestamping/enabled": False,
     "open/return_conditions/connect_scouted": False,
     "open/return_conditions/declares": False,
+}
+
+# A router's settings besides. A client chooses itself how large its messages are and whether they
+# wait for a receiver that is slow. One of 50 MB that waits (BLOCK) would stop all forwarding for
+# more than 10 s, and so would many small ones. Ours are small and never wait.
+_KINDS: Final = ["put", "delete", "query"]
+ROUTING: Final[dict[str, object]] = {
+    "transport/link/rx/max_message_size": 4 * LARGEST_PAYLOAD,  # of one in fragments
+    "low_pass_filter": [
+        {
+            "id": "small",
+            "messages": [*_KINDS, "reply"],
+            "flows": ["ingress"],
+            "key_exprs": ["**"],
+            "size_limit": LARGEST_PAYLOAD + len(PASSED_ON),
+        }
+    ],
+    "qos/network": [
+        {
+            "messages": _KINDS,
+            "flows": ["ingress"],
+            "key_exprs": ["**"],
+            "overwrite": {"congestion_control": "drop", "priority": "data", "express": False},
+        }
+    ],
 }
 
 Declare = Callable[[zenoh.Session], None]  # makes a declaration in a session
@@ -752,6 +777,7 @@ class ZenohMesh(Reader, Monotonic):
             "connect/endpoints": list(connect),
         }
         door = where.door
+        own |= ROUTING if where.router else {}
         for key, value in (SETTINGS | own | (door.current() if door else {})).items():
             config.insert_json5(key, json.dumps(value))
         return config
