@@ -19,6 +19,7 @@ from armadico.mobile.messages import (
     Truth,
     Waypoint,
 )
+from armadico.mobile.route import Route
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import Rule
 from armadico.observe.audit.scene import Scene
@@ -391,10 +392,12 @@ class Leads(Rule):
         if chart is None or not message.waypoints or message.waypoints == self._judged:
             return
         self._judged, self.checked = message.waypoints, True
-        x, y = message.start.x, message.start.y
+        # An observer that comes under way sees a path whose first legs are done.
+        route = Route.of(message)
+        x, y = route.leg_start.x, route.leg_start.y
         # By its pose the robot may stand in a wall, or behind one.
         skip = PLACED_M
-        for number, to in enumerate(message.waypoints[message.leg :], message.leg + 1):
+        for number, to in enumerate(message.waypoints[route.leg :], route.leg + 1):
             length = hypot(to.x - x, to.y - y)
             share = min(skip / length, 1.0) if length else 1.0
             at = chart.crosses(x + share * (to.x - x), y + share * (to.y - y), to.x, to.y)

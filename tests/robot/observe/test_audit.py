@@ -529,6 +529,17 @@ def test_a_path_from_behind_a_wall_by_the_poses_error_is_no_finding() -> None:
     assert drive.found == []
 
 
+def test_who_comes_under_way_judges_the_path_from_the_leg_that_is_driven() -> None:
+    around = tuple(Waypoint(*at, 0.0) for at in ((0.0, 2.0), (10.0, 2.0), (10.0, 0.0)))
+    drive = Drive(Auditor([Leads]))
+    drive.auditor.chart([(5.0, -1.0, 5.0, 1.0)])
+    drive.say(Trajectory(2, 1, around, planned=True, leg=2))
+    assert drive.found == [], "the wall is between the start and the end, which no leg joins"
+    drive.auditor.chart([(5.0, 1.0, 5.0, 3.0)])
+    drive.say(Trajectory(3, 2, around[:2], planned=True, leg=1))
+    assert drive.found == [(Promise.PATH, "path-planning")]
+
+
 def test_a_wall_beside_the_robot_may_stay_where_it_is() -> None:
     same = Sonar(Cycle(1, 1), 5.0, (echo(2.0, 1.57), echo(2.0, -1.57)))
     assert Drive().go(5, says=lambda _: (same,)).found == []
