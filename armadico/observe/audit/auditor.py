@@ -7,9 +7,10 @@ from dataclasses import replace
 from typing import Final
 
 from armadico.core.judgement import Answer
-from armadico.core.messages import Ack, Command, Message
+from armadico.core.messages import Ack, Command, Message, RobotState
+from armadico.core.resources import WHEELS
 from armadico.core.services import derived
-from armadico.mobile.messages import MissionStatus, Scan, Trajectory, Truth
+from armadico.mobile.messages import MissionStatus, Scan, Sonar, Trajectory, Truth
 from armadico.mobile.scans import is_readable
 from armadico.observe.audit.chart import Chart, Wall
 from armadico.observe.audit.contacts import Touched
@@ -51,6 +52,18 @@ RULES: Final[tuple[type[Rule], ...]] = (
 )
 
 
+MISSING: Final = 0.2
+"""If more of the robot's states than this share are missing, nothing counts as kept. Between the
+others a speed, a stop, or another agent's cycle may not be seen. Our recordings lack fewer than one
+in a hundred."""
+
+FASTER: Final = 2.0
+"""Cycles that pass faster than the robot's by this factor have a clock that is not the robot's."""
+
+READINGS: Final = {"sonar": Sonar, "laser": Scan}
+"""What shows the readings of a sensor of `Description.sensors`."""
+
+
 def watched() -> tuple[type[Message], ...]:
     """The installed messages that an auditor needs; a base stands for its subclasses."""
     kinds = dict.fromkeys((*SHOWN, *(kind for rule in RULES for kind in (*rule.needs, *rule.sees))))
@@ -81,6 +94,8 @@ class Auditor:
         self._seen: set[type[Message]] = set()
         self._driven = False  # there was a mission, so it must have had a path
         self._held = False  # an agent was obeyed, so it must have commanded
+        self._states = self._cycles = 0  # received, and that there were from the first to the last
+        self._lasted_s = 0.0  # from the first of those to the last, by the observer's clock
 
     def without(self, excuse: Excuse) -> Auditor:
         """A new auditor with the same rules and map that does not accept an excuse."""
@@ -103,8 +118,11 @@ class Auditor:
             return []
         if isinstance(message, Scan) and not is_readable(message):
             return []
-        self._seen.add(type(message))
+        if not isinstance(message, Ack) or message.resource == WHEELS.name:
+            self._seen.add(type(message))
         self.scene.update(at, message)
+        if isinstance(message, RobotState):
+            self._count(message)
         self._driven = self._driven or self.scene.driving
         self._held = self._held or bool(self.scene.holder)
         return self._keep(
@@ -120,6 +138,28 @@ class Auditor:
         """From now on the observer knows of a disturbance that excuses outcomes; "": of none."""
         self.scene.disturbed = why
 
+    def _count(self, state: RobotState) -> None:
+        before = self.scene.before
+        if before is not None and before.cycle.epoch == state.cycle.epoch:
+            self._states += 1
+            self._cycles += max(0, state.cycle.number - before.cycle.number)
+            self._lasted_s += self.scene.state_gap_s
+
+    @property
+    def doubts(self) -> list[str]:
+        """Why nothing that seems kept is known to be, a sentence each."""
+        found, about = [], self.scene.description
+        missing = 1.0 - self._states / self._cycles if self._cycles else 0.0
+        if missing > MISSING:
+            found.append(f"{missing:.0%} of the robot's states are missing")
+        cycles_s = 0.0 if about is None else self._cycles * about.cycle_s
+        if cycles_s > FASTER * self._lasted_s > 0.0:
+            found.append(
+                f"the robot's cycles of {cycles_s:.1f} s came within {self._lasted_s:.1f} s: these"
+                " are not the times at which they were sent"
+            )
+        return found
+
     def report(self) -> list[Finding]:
         """One finding for each promise: broken, unknown, or kept."""
         return [self._verdict(rule) for rule in self._rules]
@@ -134,6 +174,9 @@ class Auditor:
         no_command = not self._held and self._has(Ack)
         spared = {kind for kind, none in ((Trajectory, no_path), (Command, no_command)) if none}
         lacking = [kind.__name__ for kind in rule.needs if not self._has(kind, *spared)]
+        if self.scene.description is not None:
+            own = [READINGS[name] for name in self.scene.description.sensors if name in READINGS]
+            lacking += [one.__name__ for one in own if one in rule.sees and not self._has(one)]
         uncharted = rule.charted and self.scene.chart is None
         if lacking:
             what = f"not checked: no {', '.join(lacking)} received"
@@ -141,10 +184,13 @@ class Auditor:
             what = "not checked: the robot's map is not known"
         elif not rule.checked:
             what = "not checked: there was no occasion"
+        elif rule.pending:
+            what = f"not checked: {rule.pending}"
         else:
             return rule.found(self.scene, "", "kept", answer=Answer.YES)
         found = rule.found(self.scene, "", what, answer=Answer.UNKNOWN)
-        return replace(found, occasion=bool(lacking) or (uncharted and self.scene.mapped))
+        occasion = bool(lacking) or (uncharted and self.scene.mapped) or rule.due
+        return replace(found, occasion=occasion)
 
     def _has(self, kind: type[Message], *spared: type[Message]) -> bool:
         return kind in spared or any(issubclass(each, kind) for each in self._seen)
