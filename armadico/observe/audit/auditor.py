@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from math import inf
 from typing import Final
 
 from armadico.core.judgement import Answer
 from armadico.core.messages import Ack, Command, Message
-from armadico.core.services import derived
+from armadico.core.services import derived, service_of
 from armadico.mobile.messages import MissionStatus, Scan, Trajectory, Truth
 from armadico.mobile.scans import is_readable
 from armadico.observe.audit.chart import Chart, Wall
@@ -50,6 +51,10 @@ RULES: Final[tuple[type[Rule], ...]] = (
     ),
 )
 
+ENDED_S: Final = 2.0
+"""A periodic message that is missing at the end for longer, s, has stopped: agents that are ended
+together do not end at the same moment."""
+
 
 def watched() -> tuple[type[Message], ...]:
     """The installed messages that an auditor needs; a base stands for its subclasses."""
@@ -78,7 +83,7 @@ class Auditor:
         self.findings: list[Finding] = []
         self._kinds = tuple(rules)
         self._rules = [rule() for rule in self._kinds]
-        self._seen: set[type[Message]] = set()
+        self._seen: dict[type[Message], float] = {}  # when each kind was last received, s
         self._driven = False  # there was a mission, so it must have had a path
         self._held = False  # an agent was obeyed, so it must have commanded
 
@@ -103,8 +108,8 @@ class Auditor:
             return []
         if isinstance(message, Scan) and not is_readable(message):
             return []
-        self._seen.add(type(message))
         self.scene.update(at, message)
+        self._seen[type(message)] = self.scene.now
         self._driven = self._driven or self.scene.driving
         self._held = self._held or bool(self.scene.holder)
         return self._keep(
@@ -141,10 +146,30 @@ class Auditor:
             what = "not checked: the robot's map is not known"
         elif not rule.checked:
             what = "not checked: there was no occasion"
+        elif ended := self._ended(rule):
+            return rule.found(self.scene, "", ended, answer=Answer.UNKNOWN)
         else:
             return rule.found(self.scene, "", "kept", answer=Answer.YES)
         found = rule.found(self.scene, "", what, answer=Answer.UNKNOWN)
         return replace(found, occasion=bool(lacking) or (uncharted and self.scene.mapped))
+
+    def _ended(self, rule: Rule) -> str:
+        """Since when a rule lacks periodic messages that it received before; "" if it does not.
+
+        What happened after them cannot be judged, so nothing is known to be kept until the end.
+        """
+        kinds = (*rule.needs, *rule.sees)
+        seen = ((kind, at) for kind, at in self._seen.items() if issubclass(kind, kinds))
+        over = {
+            kind.__name__: at
+            for kind, at in seen
+            if self.scene.now - at > max(2.0 * (service_of(kind).deadline_s or inf), ENDED_S)
+        }
+        if not over:
+            return ""
+        first = min(over.values())
+        names = ", ".join(sorted(over))
+        return f"kept until {first:.1f} s, unknown after: no {names} received to the end"
 
     def _has(self, kind: type[Message], *spared: type[Message]) -> bool:
         return kind in spared or any(issubclass(each, kind) for each in self._seen)
