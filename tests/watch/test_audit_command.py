@@ -136,6 +136,22 @@ def test_a_gap_is_not_blamed_on_the_robot_and_not_passed_over(
     assert "nothing was received from" in found["unread"][0]
 
 
+def test_a_recording_that_ends_while_the_robot_is_silent_does_not_pass(
+    recording: Path, audit: Audit, tmp_path: Path
+) -> None:
+    dead = tmp_path / "dead.mcap"
+    kept = Recording(dead)
+    for row in rows(recording, pytest.fail):
+        silent = row.t - BEGUN * 10**9 > 4e9 and row.key.startswith(("robot/", "resource/"))
+        if not silent and (message := row.received) is not None:
+            kept.add(Received(row.namespace, row.key, encode(message), row.t))
+    kept.close()
+    code, found = audit(dead, "--only", "one-driver", "--only", "odometry")
+    assert (code, found["answer"], found["unread"]) == (3, "unknown", [])
+    assert set(answers(found).values()) == {"unknown"}
+    assert all("received to the end" in each["what"] for each in found["promises"])
+
+
 def test_a_recording_of_another_protocol_or_of_several_robots_is_not_judged(
     audit: Audit, tmp_path: Path
 ) -> None:

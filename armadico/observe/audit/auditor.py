@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from math import inf
 from typing import Final
 
 from armadico.core.judgement import Answer
 from armadico.core.messages import Ack, Command, Message, RobotState
 from armadico.core.resources import WHEELS
-from armadico.core.services import derived
+from armadico.core.services import derived, service_of
 from armadico.mobile.messages import MissionStatus, Scan, Sonar, Trajectory, Truth
 from armadico.mobile.scans import is_readable
 from armadico.observe.audit.chart import Chart, Wall
@@ -51,11 +52,14 @@ RULES: Final[tuple[type[Rule], ...]] = (
     ),
 )
 
+ENDED_S: Final = 2.0
+"""A periodic message that is missing at the end for longer, s, has stopped: agents that are ended
+together do not end at the same moment."""
+
 
 MISSING: Final = 0.2
-"""If more of the robot's states than this share are missing, nothing counts as kept. Between the
-others a speed, a stop, or another agent's cycle may not be seen. Our recordings lack fewer than one
-in a hundred."""
+"""If more of the robot's states than this share are missing, nothing counts as kept. A speed,
+a stop or a change of the agent that drives may lie between the others."""
 
 FASTER: Final = 2.0
 """Cycles that pass faster than the robot's by this factor have a clock that is not the robot's."""
@@ -91,7 +95,7 @@ class Auditor:
         self.findings: list[Finding] = []
         self._kinds = tuple(rules)
         self._rules = [rule() for rule in self._kinds]
-        self._seen: set[type[Message]] = set()
+        self._seen: dict[type[Message], float] = {}  # when each kind was last received, s
         self._driven = False  # there was a mission, so it must have had a path
         self._held = False  # an agent was obeyed, so it must have commanded
         self._states = self._cycles = 0  # received, and that there were from the first to the last
@@ -119,7 +123,7 @@ class Auditor:
         if isinstance(message, Scan) and not is_readable(message):
             return []
         if not isinstance(message, Ack) or message.resource == WHEELS.name:
-            self._seen.add(type(message))
+            self._seen[type(message)] = max(at, self.scene.now)
         self.scene.update(at, message)
         if isinstance(message, RobotState):
             self._count(message)
@@ -186,11 +190,31 @@ class Auditor:
             what = "not checked: there was no occasion"
         elif rule.pending:
             what = f"not checked: {rule.pending}"
+        elif ended := self._ended(rule):
+            return rule.found(self.scene, "", ended, answer=Answer.UNKNOWN)
         else:
             return rule.found(self.scene, "", "kept", answer=Answer.YES)
         found = rule.found(self.scene, "", what, answer=Answer.UNKNOWN)
         occasion = bool(lacking) or (uncharted and self.scene.mapped) or rule.due
         return replace(found, occasion=occasion)
+
+    def _ended(self, rule: Rule) -> str:
+        """Since when a rule lacks periodic messages that it received before; "" if it does not.
+
+        What happened after them cannot be judged, so nothing is known to be kept until the end.
+        """
+        kinds = (*rule.needs, *rule.sees)
+        seen = ((kind, at) for kind, at in self._seen.items() if issubclass(kind, kinds))
+        over = {
+            kind.__name__: at
+            for kind, at in seen
+            if self.scene.now - at > max(2.0 * (service_of(kind).deadline_s or inf), ENDED_S)
+        }
+        if not over:
+            return ""
+        first = min(over.values())
+        names = ", ".join(sorted(over))
+        return f"kept until {first:.1f} s, unknown after: no {names} received to the end"
 
     def _has(self, kind: type[Message], *spared: type[Message]) -> bool:
         return kind in spared or any(issubclass(each, kind) for each in self._seen)

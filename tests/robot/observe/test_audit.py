@@ -207,6 +207,39 @@ def test_neither_another_resources_acks_nor_silent_sensors_are_evidence() -> Non
     assert "no Ack" in verdicts[Promise.FRESH].what
 
 
+@pytest.mark.parametrize(
+    ("ended", "unknown", "kept"),
+    [
+        (RobotState, Promise.STOP, Promise.ONE_DRIVER),
+        (Ack, Promise.ONE_DRIVER, Promise.STOP),
+        (Pose, Promise.POSE, Promise.ONE_DRIVER),
+        (Truth, Promise.COLLISION, Promise.ONE_DRIVER),
+    ],
+)
+def test_what_is_no_longer_received_at_the_end_leaves_its_promises_unknown(
+    ended: type[Message], unknown: Promise, kept: Promise
+) -> None:
+    def verdicts(drive: Drive) -> dict[Promise, Finding]:
+        found = drive.auditor.report()
+        return {each.promise: each for each in found if each.promise in (unknown, kept)}
+
+    drive = Drive().go(4, stop=Stop(1, True, "anna", 7), holder="", **STANDS_STILL)
+    assert {each.answer for each in verdicts(drive).values()} == {Answer.YES}
+    stopped_at, update = drive.now, drive.auditor.update
+
+    def without(at: float, key: str, message: Message) -> list[Finding]:
+        return [] if isinstance(message, ended) else update(at, key, message)
+
+    drive.auditor.update = without  # type: ignore[method-assign]
+    found = verdicts(drive.go(7.7))
+    assert found[kept].answer is Answer.YES
+    assert (found[unknown].answer, found[unknown].occasion) == (Answer.UNKNOWN, True)
+    assert f"until {stopped_at:.1f} s" in found[unknown].what
+    assert ended.__name__ in found[unknown].what
+    drive.auditor.update = update  # type: ignore[method-assign]
+    assert verdicts(drive.go(1))[unknown].answer is Answer.YES, "it is received again"
+
+
 def test_a_stop_ends_by_a_release() -> None:
     drive = Drive().go(1, stop=Stop(1, True, "anna", 7), **STANDS_STILL)
     drive.go(1, stop=Stop(2, False, "", 7))
