@@ -64,7 +64,7 @@ a stop or a change of the agent that drives may lie between the others."""
 FASTER: Final = 2.0
 """Cycles that pass faster than the robot's by this factor have a clock that is not the robot's."""
 
-READINGS: Final = {"sonar": Sonar, "laser": Scan}
+READINGS: Final[dict[str, type[Message]]] = {"sonar": Sonar, "laser": Scan}
 """What shows the readings of a sensor of `Description.sensors`."""
 
 
@@ -179,8 +179,8 @@ class Auditor:
         spared = {kind for kind, none in ((Trajectory, no_path), (Command, no_command)) if none}
         lacking = [kind.__name__ for kind in rule.needs if not self._has(kind, *spared)]
         if self.scene.description is not None:
-            own = [READINGS[name] for name in self.scene.description.sensors if name in READINGS]
-            lacking += [one.__name__ for one in own if one in rule.sees and not self._has(one)]
+            reads = [READINGS[name] for name in self.scene.description.sensors if name in READINGS]
+            lacking += [one.__name__ for one in reads if one in rule.sees and not self._has(one)]
         uncharted = rule.charted and self.scene.chart is None
         if lacking:
             what = f"not checked: no {', '.join(lacking)} received"
