@@ -57,8 +57,9 @@ class OfRun(Addition):
         options.report(f"{run.scenario.name}: {run.watch.result().verdict}")
         if start.limit is not None:
             return
-        options.report("armadico run: the run is over; the society and its page stay until Ctrl-C")
-        with suppress(KeyboardInterrupt):
+        stay = "armadico run: the run is over; the society and its page stay until Ctrl-C"
+        with suppress(KeyboardInterrupt):  # which may come as soon as it is offered
+            options.report(stay)
             while True:
                 run.wait_on()
 
