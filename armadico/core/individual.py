@@ -6,13 +6,23 @@ import random
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import ClassVar, Never
+from typing import ClassVar, Never, Protocol
 
 from armadico.core import messages as m
 from armadico.core.exchange import Bid
 from armadico.core.messages import Message
 from armadico.core.parameters import Parameters
 from armadico.core.resources import Resource
+
+
+class Rights(Protocol):
+    """What instances may do in a society with keys, beside what its router enforces."""
+
+    def may_be_critical(self, instance: str, resource: str, /) -> bool:
+        """Return whether an instance's bids for a resource may be critical."""
+
+    def may_own(self, instance: str, resource: str, /) -> bool:
+        """Return whether an instance may own a resource."""
 
 
 @dataclass(frozen=True)
@@ -26,10 +36,8 @@ class Identity:
     rng: random.Random = field(default_factory=random.Random, compare=False)
     table: str = ""  # the digest of its host table; empty: it has none
     protocol: int = m.PROTOCOL  # that it uses; an older one is to try and replay what came before
-    may_be_critical: Callable[[str, str], bool] | None = field(default=None, compare=False)
-    """Whether an instance's bids for a resource may be critical; None: the society has no keys."""
-    may_own: Callable[[str, str], bool] | None = field(default=None, compare=False)
-    """Whether an instance may own a resource; None: the society has no keys."""
+    rights: Rights | None = field(default=None, compare=False)
+    """Those of all instances; None: the society has no keys."""
 
 
 class Individual:

@@ -523,9 +523,12 @@ class Kernel(Desk):
             return False
         if (owning := self._owning.get(claim.resource)) is not None:
             owning.on_claim(claim)
-        may, ballot = self.agent.identity.may_be_critical, claim.ballot
-        critical = claim.critical or ballot.critical
-        if may is not None and critical and not may(ballot.instance, claim.resource):
+        rights, ballot = self.agent.identity.rights, claim.ballot
+        if (
+            rights is not None
+            and (claim.critical or ballot.critical)
+            and not rights.may_be_critical(ballot.instance, claim.resource)
+        ):
             key = self.key_of(m.Claim, resource=claim.resource, instance=ballot.instance)
             self.outbox.append(Refused(key, Verdict.NOT_CRITICAL))
             return False

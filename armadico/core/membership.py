@@ -16,12 +16,13 @@ The owner's token may come last, so a newcomer waits for it before it leaves.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from enum import Enum
 from typing import Final
 
 from msgspec.structs import replace
 
+from armadico.core.individual import Rights
 from armadico.core.messages import PROTOCOL, Card, protocols
 
 QUIET_S: Final = 0.1  # all tokens count as known after no change of a token for this time
@@ -73,7 +74,7 @@ class Admission:
         alone: bool = False,
         owns: Sequence[str] = (),
         protocol: int = PROTOCOL,
-        may_own: Callable[[str, str], bool] | None = None,
+        rights: Rights | None = None,
     ) -> None:
         """Begin to observe.
 
@@ -84,15 +85,15 @@ class Admission:
             alone: Whether no second instance of the agent may be alive.
             owns: Resources that no other instance may own.
             protocol: The protocol that it uses.
-            may_own: Whether an instance may own a resource; None: the society has no keys. A card
-                that claims another one keeps its owner out no more.
+            rights: As in `Identity`: with keys, a card that claims a resource which its instance
+                may not own keeps the owner out no more.
         """
         self.stage = Stage.LOOKING
         self.refusal = ""
         self.tenure = 0  # cycles for which it has worked: updated by the driver
         self._name, self._instance = name, instance
         self._alone, self._owns, self._protocol = alone, frozenset(owns), protocol
-        self._may_own = may_own
+        self._rights = rights
         self._since = now
         self._checked_at = float("-inf")
         self._grace_until: float | None = None
@@ -257,10 +258,11 @@ class Admission:
 
     def _rightful(self, instance: str, card: Card) -> Card:
         """Return a card without the resources that its instance may not own."""
-        may = self._may_own
-        if may is None:
+        rights = self._rights
+        if rights is None:
             return card
-        return replace(card, owns=tuple(name for name in card.owns if may(instance, name)))
+        owns = tuple(name for name in card.owns if rights.may_own(instance, name))
+        return replace(card, owns=owns)
 
     def _rivals(self) -> list[str]:
         if not (self._alone or self._owns):
@@ -273,7 +275,7 @@ class Admission:
         With keys only an owner keeps an owner out: the card of any member may lie.
         """
         cards, own = list(self._cards.values()), self._protocol
-        if self._may_own is not None and self._owns:
+        if self._rights is not None and self._owns:
             cards = [card for card in cards if card.owns]
         if any(card.owns and card.understood(own) for card in cards):
             return None

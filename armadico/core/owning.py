@@ -34,8 +34,8 @@ class Owning:
         if period is not None:
             self.counter = CycleCounter(desk.agent.rng.getrandbits(63), period)
             clock = CycleClock(period)
-        may = desk.agent.identity.may_be_critical
-        bids = None if may is None else partial(_bids, may, resource.name)
+        rights = desk.agent.identity.rights
+        bids = None if rights is None else partial(_bids, rights.may_be_critical, resource.name)
         self.owner = Owner(resource, clock, bids)
         self._due: float | None = None  # when the counter's next cycle begins, s
         self._reported_at = float("-inf")

@@ -32,6 +32,7 @@ from typing import TYPE_CHECKING, Final, NoReturn
 
 from armadico.core.agent import Agent, DeviceAgent, Identity
 from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
+from armadico.core.individual import Rights
 from armadico.core.journal import Journalled
 from armadico.core.kernel import Subscription
 from armadico.core.mailbox import BURST_S, EVENTS, URGENT
@@ -499,13 +500,12 @@ def identity(
     host: str | None = None,
     table: str = "",
     protocol: int = PROTOCOL,
-    may_be_critical: Callable[[str, str], bool] | None = None,
-    may_own: Callable[[str, str], bool] | None = None,
+    rights: Rights | None = None,
 ) -> Identity:
     """Return a new instance's identity; its id is the name and 64 random bits.
 
     `table` is the digest of the host table that the process was launched with, and
-    `may_be_critical` and `may_own` as in `Identity`.
+    `rights` as in `Identity`.
     """
     rng = random.SystemRandom()
     return Identity(
@@ -516,8 +516,7 @@ def identity(
         rng=random.Random(rng.getrandbits(64)),
         table=table,
         protocol=protocol,
-        may_be_critical=may_be_critical,
-        may_own=may_own,
+        rights=rights,
     )
 
 

@@ -24,6 +24,7 @@ from armadico.core.membership import (
     Stage,
 )
 from armadico.core.messages import PROTOCOL, Card
+from armadico.mesh.door import Door
 from tests.core.joiners import Joiners, Joining
 
 
@@ -473,14 +474,19 @@ def test_agents_whose_ranges_of_protocols_overlap_understand_each_other(
     assert (f"uses protocol {newest or oldest}" in admission.refusal) != understood
 
 
+class RobotOwns(Door):
+    def may_own(self, instance: str, resource: str) -> bool:
+        return instance.startswith("robot-")
+
+
 @pytest.mark.parametrize("protocol", [PROTOCOL, PROTOCOL + 9])
 @pytest.mark.parametrize("keys", [True, False])
 def test_with_keys_a_card_that_claims_a_resource_keeps_its_owner_out_no_more(
     protocol: int, keys: bool
 ) -> None:
     """A member's card may lie, and an owner that was killed has to come back."""
-    may_own = (lambda instance, _: instance.startswith("robot-")) if keys else None
-    admission = Admission("robot", "robot-1", 0.0, owns=["wheels"], may_own=may_own)
+    rights = RobotOwns("robot1/robot", {}) if keys else None
+    admission = Admission("robot", "robot-1", 0.0, owns=["wheels"], rights=rights)
     admission.appeared("liar", "liar-1", 0.0)
     admission.queries(0.0)
     lie = card("liar-1", owns=("wheels",), tenure=2**32, protocol=protocol)
@@ -490,7 +496,7 @@ def test_with_keys_a_card_that_claims_a_resource_keeps_its_owner_out_no_more(
 
 
 def test_with_keys_the_rightful_owner_keeps_another_one_out() -> None:
-    admission = Admission("lift2", "lift2-1", 0.0, owns=["lift"], may_own=lambda *_: True)
+    admission = Admission("lift2", "lift2-1", 0.0, owns=["lift"], rights=Door("robot1/lift", {}))
     admission.appeared("lift", "lift-1", 0.0)
     admission.queries(0.0)
     admission.on_card("lift-1", card("lift-1", owns=("lift",), tenure=9), 0.1)

@@ -19,7 +19,7 @@ from armadico.launch.virtual import Rehearsal
 from armadico.mobile.messages import MissionState, MissionStatus, Trajectory, Waypoint
 from armadico.observe.watching import Presence, Received
 from armadico.watch.recorder import Recording
-from armadico.watch.recordings import rows
+from armadico.watch.recordings import Row, rows
 from armadico.watch.virtual_recording import BEGUN, Recorded
 from tests.watch.observed import LINE
 
@@ -122,15 +122,20 @@ def test_without_the_messages_that_it_needs_a_promise_is_not_checked(
     assert all("received" in each["what"] for each in found["promises"])
 
 
+def copied(recording: Path, to: Path, keeps: Callable[[Row], bool]) -> None:
+    """Copy the rows of a recording that are kept."""
+    kept = Recording(to)
+    for row in rows(recording, pytest.fail):
+        if keeps(row) and (message := row.received) is not None:
+            kept.add(Received(row.namespace, row.key, encode(message), row.t))
+    kept.close()
+
+
 def test_a_gap_is_not_blamed_on_the_robot_and_not_passed_over(
     recording: Path, audit: Audit, tmp_path: Path
 ) -> None:
     gap = tmp_path / "gap.mcap"
-    kept = Recording(gap)
-    for row in rows(recording, pytest.fail):
-        if not 3e9 < row.t - BEGUN * 10**9 < 6e9 and (message := row.received) is not None:
-            kept.add(Received(row.namespace, row.key, encode(message), row.t))
-    kept.close()
+    copied(recording, gap, lambda row: not 3e9 < row.t - BEGUN * 10**9 < 6e9)
     code, found = audit(gap, "--only", "one-driver")
     assert (code, found["findings"], answers(found)) == (3, [], {"one-driver": "unknown"})
     assert "nothing was received from" in found["unread"][0]
@@ -140,12 +145,11 @@ def test_a_recording_that_ends_while_the_robot_is_silent_does_not_pass(
     recording: Path, audit: Audit, tmp_path: Path
 ) -> None:
     dead = tmp_path / "dead.mcap"
-    kept = Recording(dead)
-    for row in rows(recording, pytest.fail):
-        silent = row.t - BEGUN * 10**9 > 4e9 and row.key.startswith(("robot/", "resource/"))
-        if not silent and (message := row.received) is not None:
-            kept.add(Received(row.namespace, row.key, encode(message), row.t))
-    kept.close()
+
+    def is_kept(row: Row) -> bool:
+        return row.t - BEGUN * 10**9 <= 4e9 or not row.key.startswith(("robot/", "resource/"))
+
+    copied(recording, dead, is_kept)
     code, found = audit(dead, "--only", "one-driver", "--only", "odometry")
     assert (code, found["answer"], found["unread"]) == (3, "unknown", [])
     assert set(answers(found).values()) == {"unknown"}

@@ -56,7 +56,6 @@ ENDED_S: Final = 2.0
 """A periodic message that is missing at the end for longer, s, has stopped: agents that are ended
 together do not end at the same moment."""
 
-
 MISSING: Final = 0.2
 """If more of the robot's states than this share are missing, nothing counts as kept. A speed,
 a stop or a change of the agent that drives may lie between the others."""

@@ -104,7 +104,7 @@ class Arrives(Rule):
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
         if isinstance(message, MissionStatus):
             if message.state is not MissionState.DRIVING:
-                self._over, self.due = True, False
+                self._over = True
             elif message.mission != self._mission:
                 self._begin(message.mission, now)
         elif isinstance(message, RobotState):
@@ -125,7 +125,6 @@ class Arrives(Rule):
         self._allowed_s = self._allowed(now)
         spent = sum(self._spent.values())
         self._over = spent > self._allowed_s
-        self.due = not self._over and self._so_far_s > self._allowed_s
         if self._over:
             yield self._late(now, spent, self._allowed_s)
 
@@ -158,6 +157,10 @@ class Arrives(Rule):
         return (
             f"the mission goes on after {so_far:.0f} s, where {allowed:.0f} s are enough{without}"
         )
+
+    @property
+    def due(self) -> bool:
+        return not self._over and self._so_far_s > self._allowed_s
 
     @property
     def _so_far_s(self) -> float:

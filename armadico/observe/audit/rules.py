@@ -24,7 +24,6 @@ class Rule:
         sees: Further messages that it uses.
         charted: Whether it needs the map (`Scene.chart`).
         checked: Whether there was an occasion to break the promise.
-        due: Whether the last occasion should have been judged by now, but for excuses.
     """
 
     promise: ClassVar[Promise]
@@ -33,13 +32,18 @@ class Rule:
     charted: ClassVar[bool] = False
 
     def __init__(self) -> None:
-        self.checked = self.due = False
+        self.checked = False
         self._found_at: dict[str, float] = {}  # the newest finding's time, s, by what it is of
 
     @property
     def pending(self) -> str:
         """Why the last occasion is not judged yet; "" if it is."""
         return ""
+
+    @property
+    def due(self) -> bool:
+        """Whether it should have been judged by now, but for excuses."""
+        return False
 
     def is_new(self, of: str, now: Scene, within_s: float = inf) -> bool:
         """Whether there was no finding of an agent or sensor within a time, s; now there is."""

@@ -12,6 +12,7 @@ from armadico.core.coordination import Owner, Verdict
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import Ballot, Claim, Command, Cycle, Log
 from armadico.core.resources import WHEELS
+from armadico.mesh.door import Door
 from armadico.mesh.virtual import VirtualMesh
 from armadico.testing.society import Society, bidder
 
@@ -70,12 +71,22 @@ def test_what_may_not_be_critical_leaves_no_ballot_behind() -> None:
     assert judging.largest is None
 
 
+class AvoidAlone(Door):
+    """Bids of avoid alone may be critical."""
+
+    def __init__(self) -> None:
+        super().__init__("robot1/robot", {})
+
+    def may_be_critical(self, instance: str, resource: str) -> bool:
+        return instance.startswith("avoid-")
+
+
 def test_a_false_critical_holder_is_deposed_and_named(monkeypatch: pytest.MonkeyPatch) -> None:
     identity = VirtualMesh.identity
 
     def with_keys(mesh: VirtualMesh, name: str, *more: object) -> Identity:
         made = identity(mesh, name, *more)  # type: ignore[arg-type]
-        return replace(made, may_be_critical=lambda one, _resource: one.startswith("avoid-"))
+        return replace(made, rights=AvoidAlone())
 
     monkeypatch.setattr(VirtualMesh, "identity", with_keys)
     logs: list[str] = []

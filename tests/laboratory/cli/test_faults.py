@@ -15,7 +15,7 @@ from armadico.cli import pool
 from armadico.cli.options import INTERRUPTED, UsageError
 from armadico.core.config_errors import ConfigError
 from armadico_tools.commands import faults
-from armadico_tools.faults import campaign, series, workload
+from armadico_tools.faults import series, workload
 from armadico_tools.faults.fault_types import KINDS, Promise
 from armadico_tools.faults.plan import Case, Outcome
 from armadico_tools.faults.sightings import Sight
@@ -200,7 +200,7 @@ def test_planted_defects_are_kept_and_not_run_again(
         left.extend(tasks)
         return True
 
-    monkeypatch.setattr(campaign, "over", over)
+    monkeypatch.setattr(series, "over", over)
     faults.main([*words, "--seeds", "2"])
     assert json.loads(capsys.readouterr().out) == first
     assert [(task.seed, task.planted) for task in left] == [(2, ""), (2, "stands")]

@@ -12,6 +12,7 @@ from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import Command, argument, at_least, flag, option, several
 from armadico.core.errors import no_such
+from armadico_tools.markdown import table
 
 if TYPE_CHECKING:
     from armadico_tools.attacks.lab import Killed
@@ -80,28 +81,27 @@ def run(args: Options) -> int:
     except running.VictimError as error:
         raise FailedError(str(error)) from None
     finally:
-        for line in _whole(args, outcomes):
-            print(line)
+        _print_whole(args, outcomes)
     return int(args.keys and any(o.is_stranger and (o.linked or o.effects) for o in outcomes))
 
 
-def _whole(args: Options, outcomes: Sequence[Outcome]) -> list[str]:
-    """What is printed of all outcomes at the end."""
+def _print_whole(args: Options, outcomes: Sequence[Outcome]) -> None:
+    """Print all outcomes at the end, where each was not printed before."""
     if args.json:
-        return [json.dumps([outcome._asdict() for outcome in outcomes], indent=1)]
-    return _table(outcomes) if args.table else []
+        print(json.dumps([outcome._asdict() for outcome in outcomes], indent=1))
+    elif args.table:
+        print(_table(outcomes))
 
 
-def _table(outcomes: Sequence[Outcome]) -> list[str]:
+def _table(outcomes: Sequence[Outcome]) -> str:
     """The outcomes as a table: a row for each attack, a column for each attacker."""
     whos = list(dict.fromkeys(outcome.who for outcome in outcomes))
     texts = {(o.name, o.who): o.text if o.effects or not o.linked else "-" for o in outcomes}
-    rows = [["attack", *whos], ["---"] * (len(whos) + 1)]
-    rows += (
+    rows = (
         [f"`{name}`", *(texts.get((name, who), "not tried") for who in whos)]
         for name in dict.fromkeys(outcome.name for outcome in outcomes)
     )
-    return [f"| {' | '.join(row)} |" for row in rows]
+    return table(["attack", *whos], rows)
 
 
 def _floods(*, as_json: bool) -> int:
@@ -131,18 +131,15 @@ def _floods(*, as_json: bool) -> int:
     if as_json:
         print(json.dumps([each._asdict() for each in found], indent=1))
     else:
-        print("", *_summary(found), sep="\n")
+        print(f"\n{_summary(found)}")
     return int(any(each.back is None for each in found))
 
 
-def _summary(found: Sequence[Killed]) -> list[str]:
+def _summary(found: Sequence[Killed]) -> str:
     """The longest times by flood, as a table of the page."""
     from armadico_tools.attacks.lab import ROBOT
 
-    rows = [
-        "| flood | back, robot's computer | back, another | pause, holder killed | pause, other |"
-    ]
-    rows.append("| --- | --- | --- | --- | --- |")
+    rows = []
     for flood in dict.fromkeys(each.flood for each in found):
         of = [each for each in found if each.flood == flood]
         back = [[e.back for e in of if (e.host == ROBOT) is here] for here in (True, False)]
@@ -151,8 +148,12 @@ def _summary(found: Sequence[Killed]) -> list[str]:
             max((e.paused for e in of if e.held is held), default=None) for held in (True, False)
         )
         pause = ("-" if p is None else f"{p:.2f} s" for p in pauses)
-        rows.append(f"| {flood} | {' | '.join((*worst, *pause))} |")
-    return rows
+        rows.append((flood, *worst, *pause))
+    back_here, back_there = "back, robot's computer", "back, another"
+    return table(
+        ("flood", back_here, back_there, "pause, holder killed", "pause, other"),
+        rows,
+    )
 
 
 def _shown(seconds: float | None) -> str:

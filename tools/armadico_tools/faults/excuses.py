@@ -16,11 +16,10 @@ from typing import Final
 from armadico.core.judgement import Answer
 from armadico.observe.audit.auditor import Auditor
 from armadico.observe.audit.promises import Excuse, Finding, Promise
-from armadico_tools.command_options import over
 from armadico_tools.faults.checker import Checker, hand
 from armadico_tools.faults.observations import Observation
 from armadico_tools.faults.record import Bounds, bounds_of
-from armadico_tools.faults.series import kept as kept_by_code
+from armadico_tools.faults.series import kept
 from armadico_tools.faults.variants import case_of, scenario_of
 from armadico_tools.faults.workload import Workload
 
@@ -71,14 +70,8 @@ def judge(task: tuple[int, float]) -> dict[str, list[str]]:
 def main(first: int = 1, seeds: int = 20, minutes: float = 2.0, jobs: int = 1) -> int:
     """Returns 1 if an excuse was never needed, 3 if it was interrupted before that is known."""
     tasks = [(seed, minutes) for seed in range(first, first + seeds)]
-    kept = kept_by_code(FILE, judge)
-    found = {tasks[at]: result for at, result in kept.read(list(map(repr, tasks))).items()}
-
-    def keep(task: tuple[int, float], result: dict[str, list[str]]) -> None:
-        kept.add(repr(task), result)
-        found[task] = result
-
-    whole = over(judge, [task for task in tasks if task not in found], jobs, "seeds", keep)
+    found: dict[tuple[int, float], dict[str, list[str]]] = {}
+    whole = kept(FILE, judge, tasks, jobs, found.__setitem__)
     needed = {
         excuse: Counter(name for one in found.values() for name in one.get(excuse.name, ()))
         for excuse in Excuse

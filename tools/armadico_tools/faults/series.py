@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar
 from msgspec import Struct, json, structs
 
 from armadico.observe.conditions import source_hash
+from armadico_tools.command_options import over
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.plan import Case, Outcome
 from armadico_tools.faults.shrink import Shrinker
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from armadico_tools.faults.trials import Trial
 
 T = TypeVar("T")
+R = TypeVar("R")
 
 PLANTED: Final = "planted.csv"
 SEEDS: Final = "seeds.csv"
@@ -251,9 +253,29 @@ class Ledger:
         return [ran for ran in self._rows.read() if ran.commit == self._commit]
 
 
-def kept(path: Path, function: Callable[..., T]) -> Kept[T]:
-    """Stored results of a function of this package, for this code. Raises OSError."""
-    return Kept(path, function, source_hash(*sorted(Path(__file__).parent.glob("*.py"))))
+def kept(
+    path: Path,
+    function: Callable[[T], R],
+    tasks: Sequence[T],
+    processes: int,
+    done: Callable[[T, R], None],
+) -> bool:
+    """Apply a function of this package to tasks in processes, unless the file has the result.
+
+    Results are stored for this code. Returns False if it was interrupted. Raises OSError if the
+    file cannot be used.
+    """
+    stored = Kept(path, function, source_hash(*sorted(Path(__file__).parent.glob("*.py"))))
+    known = stored.read(list(map(repr, tasks)))
+    for at, result in known.items():
+        done(tasks[at], result)
+
+    def keep(task: T, result: R) -> None:
+        stored.add(repr(task), result)
+        done(task, result)
+
+    missing = [task for at, task in enumerate(tasks) if at not in known]
+    return over(function, missing, processes, "seeds", keep)
 
 
 def smallest(
