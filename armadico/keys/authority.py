@@ -15,7 +15,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Final
 
 from cryptography import x509
-from cryptography.exceptions import InvalidSignature
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 from cryptography.hazmat.primitives.serialization import (
     Encoding,
@@ -35,6 +35,9 @@ CLIENT_HOURS: Final = 24.0
 
 BEFORE: Final = timedelta(seconds=BACKDATED_S)
 """A certificate is valid from so long before it was issued, as the clocks of a lab differ."""
+
+UNREADABLE: Final = (ValueError, TypeError, x509.InvalidVersion, UnsupportedAlgorithm)
+"""What the library raises of a certificate that it cannot read or check."""
 
 LONGEST: Final = 64
 """Characters of a common name (RFC 5280, ub-common-name)."""
@@ -192,7 +195,7 @@ def certificate_key(certificate: bytes) -> Ed25519PublicKey:
 def _certificate(pem: bytes) -> x509.Certificate:
     try:
         return x509.load_pem_x509_certificate(pem)
-    except ValueError:
+    except UNREADABLE:
         raise KeyFileError("is not a certificate in PEM") from None
 
 

@@ -17,7 +17,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 from cryptography.x509 import Certificate, load_der_x509_certificate, load_pem_x509_certificate
 
-from armadico.keys.authority import common_name
+from armadico.keys.authority import UNREADABLE, common_name
 from armadico.keys.store import Identity
 
 LENGTH: Final = 64
@@ -80,7 +80,7 @@ class Verifier:
                 found = load_der_x509_certificate(der)
             found.verify_directly_issued_by(self._authority)
             usable = isinstance(found.public_key(), Ed25519PublicKey)
-        except (ValueError, TypeError, InvalidSignature):
+        except (*UNREADABLE, InvalidSignature):
             return None
         if not usable:
             return None

@@ -35,6 +35,7 @@ def test_a_signature_is_its_authors_alone(issuer: Issuer) -> None:
 
 @given(st.integers(0, 2000), st.integers(1, 255))
 @example(14, 128)  # a serial number below zero, of which the library warns
+@example(11, 1)  # a version of certificates that does not exist
 def test_a_changed_signature_does_not_count(issuer: Issuer, at: int, by: int) -> None:
     signed = bytearray(sign(issuer.store.of("robot1/goto"), DATA))
     signed[at % len(signed)] ^= by
