@@ -342,7 +342,6 @@ def of_keys(demand: Demand) -> Iterator[Finding]:
         yield Finding(Sort.KEYS, file, what, "`armadico keys check` checks this computer's keys")
 
 
-
 def _expiry(case: _Case) -> Iterator[Finding]:
     for name, left in case.demand.ending().items():
         when = f"expires in {left / 60:.0f} min" if left > 0 else "has expired"

@@ -450,7 +450,7 @@ def test_a_goal_given_too_early_waits_and_a_robot_that_stands_is_explained(
         assert sent.stdout is not None
         assert sent.stderr is not None
         try:
-            waits = "waiting for the society to start: the robot's pose is not known"
+            waits = "the goal is refused: the robot's pose is not known"
             assert any(waits in line for line in sent.stderr)  # maybe not first
             start("encoder", program="armadico-agent")
             said = next((line for line in sent.stdout if "->" in line), "")
