@@ -68,7 +68,8 @@ ARC: Final = np.array([0.0, -0.95, 0.95, -0.5, 0.5])
 """Places on the arc, as shares of half the cone."""
 
 SURE_RAD: Final = radians(25)
-"""A smooth wall answers for certain if its normal is within this of the axis (`gone_deg`)."""
+"""A smooth wall is taken to answer if its normal is within this of the axis. By `sensors.toml` it
+does so for certain within 15 degrees only: a limit that `docs/safe-motion.md` names."""
 
 TANGENTS: Final = SURE_RAD * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
 ALONG_M: Final = np.linspace(-0.5, 0.5, 11)

@@ -132,7 +132,8 @@ def _serve(args: Options) -> int:
     for kind, values in zip(kinds, parameters, strict=True):
         with attributed(kind):
             may = None if mesh.door is None else mesh.door.may_be_critical
-            own = identity(kind.name, where.name, where.digest, protocol, may)
+            may_own = None if mesh.door is None else mesh.door.may_own
+            own = identity(kind.name, where.name, where.digest, protocol, may, may_own)
             agents.append(kind(own, values))
     devices = (a for a in agents if isinstance(a, DeviceAgent) and a.address)
     connect = {

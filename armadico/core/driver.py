@@ -142,6 +142,7 @@ class Driver:
                 alone=agent.alone,
                 owns=[resource.name for resource in agent.owns],
                 protocol=agent.identity.protocol,
+                may_own=agent.identity.may_own,
             )
             if admit
             else None

@@ -28,6 +28,8 @@ class Identity:
     protocol: int = m.PROTOCOL  # that it uses; an older one is to try and replay what came before
     may_be_critical: Callable[[str, str], bool] | None = field(default=None, compare=False)
     """Whether an instance's bids for a resource may be critical; None: the society has no keys."""
+    may_own: Callable[[str, str], bool] | None = field(default=None, compare=False)
+    """Whether an instance may own a resource; None: the society has no keys."""
 
 
 class Individual:

@@ -383,6 +383,8 @@ class Kernel(Desk):
             return
         key = service.key_for(instance=author) if author else service.key_in(m.OLDEST)
         record = known.record if known is not None else None
+        if self.closed and record is None:
+            return  # the others refuse what its author has not signed
         self.publish(record or m.Repeat(key, m.encode(message)))
         if self.elders:
             self.outbox.append(Publish(service.key_in(m.OLDEST), message))

@@ -16,9 +16,11 @@ The owner's token may come last, so a newcomer waits for it before it leaves.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import Enum
 from typing import Final
+
+from msgspec.structs import replace
 
 from armadico.core.messages import PROTOCOL, Card, protocols
 
@@ -30,6 +32,9 @@ ALONE_S: Final = 0.2  # without any token, links may still be coming up for this
 ANNOUNCED_S: Final = 0.15
 CARD_S: Final = 0.5  # timeout of a query for a card
 AGAIN_S: Final = 5.0  # when a card is queried again after a timeout, or if it conflicts
+# Each further timeout of an instance that does not conflict doubles that, up to this multiple: a
+# token without an agent costs each process a query each time.
+PATIENCE: Final = 16
 # For so long after it has joined, an instance counts as the newcomer, as slow links come up. For as
 # long it waits for an owner of its own protocol before it leaves.
 GRACE_S: Final = 2.0
@@ -68,6 +73,7 @@ class Admission:
         alone: bool = False,
         owns: Sequence[str] = (),
         protocol: int = PROTOCOL,
+        may_own: Callable[[str, str], bool] | None = None,
     ) -> None:
         """Begin to observe.
 
@@ -78,12 +84,15 @@ class Admission:
             alone: Whether no second instance of the agent may be alive.
             owns: Resources that no other instance may own.
             protocol: The protocol that it uses.
+            may_own: Whether an instance may own a resource; None: the society has no keys. A card
+                that claims another one keeps its owner out no more.
         """
         self.stage = Stage.LOOKING
         self.refusal = ""
         self.tenure = 0  # cycles for which it has worked: updated by the driver
         self._name, self._instance = name, instance
         self._alone, self._owns, self._protocol = alone, frozenset(owns), protocol
+        self._may_own = may_own
         self._since = now
         self._checked_at = float("-inf")
         self._grace_until: float | None = None
@@ -93,6 +102,7 @@ class Admission:
         self._queried: dict[str, float] = {}  # by instance: when its card was queried
         self._query_at: dict[str, float] = {}  # by instance: when its card is to be queried
         self._cards: dict[str, Card] = {}
+        self._patience: dict[str, int] = {}  # by instance that did not reply: of `AGAIN_S`
 
     # Inputs --------------------------------------------------------------------------------------
 
@@ -106,7 +116,7 @@ class Admission:
     def disappeared(self, instance: str, now: float) -> None:
         if self._alive.pop(instance, None) is not None:
             self._note_change(now)
-        for by_instance in (self._queried, self._query_at, self._cards):
+        for by_instance in (self._queried, self._query_at, self._cards, self._patience):
             by_instance.pop(instance, None)
 
     def on_card(self, instance: str, card: Card | None, now: float) -> None:
@@ -115,9 +125,13 @@ class Admission:
         if instance not in self._alive:
             return
         if card is not None:
-            self._cards[instance] = card
-        if card is None or self._is_rival(instance):
+            self._cards[instance] = self._rightful(instance, card)
+        if self._is_rival(instance):
             self._query_at[instance] = now + AGAIN_S
+        elif card is None:
+            times = self._patience.get(instance, 1)
+            self._patience[instance] = min(2 * times, PATIENCE)
+            self._query_at[instance] = now + times * AGAIN_S
 
     # Outputs -------------------------------------------------------------------------------------
 
@@ -241,14 +255,26 @@ class Admission:
         card = self._cards.get(instance)
         return card is not None and not self._owns.isdisjoint(card.owns)
 
+    def _rightful(self, instance: str, card: Card) -> Card:
+        """Return a card without the resources that its instance may not own."""
+        may = self._may_own
+        if may is None:
+            return card
+        return replace(card, owns=tuple(name for name in card.owns if may(instance, name)))
+
     def _rivals(self) -> list[str]:
         if not (self._alone or self._owns):
             return []
         return [instance for instance in sorted(self._alive) if self._is_rival(instance)]
 
     def _foreign(self) -> Card | None:
-        """Return a card that is not understood, if no owner's card of a resource is."""
-        cards, own = self._cards.values(), self._protocol
+        """Return a card that is not understood, if no owner's card of a resource is.
+
+        With keys only an owner keeps an owner out: the card of any member may lie.
+        """
+        cards, own = list(self._cards.values()), self._protocol
+        if self._may_own is not None and self._owns:
+            cards = [card for card in cards if card.owns]
         if any(card.owns and card.understood(own) for card in cards):
             return None
         return next((card for card in cards if not card.understood(own)), None)

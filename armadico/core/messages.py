@@ -528,7 +528,7 @@ class Card(Message, frozen=True):
     instance: Name
     host: Text  # its machine's name, for people
     pid: Counter  # its process there
-    version: Text  # its program's, for people
+    version: Text  # of its Armadico, for people; empty: it is another program
     protocol: Counter  # the oldest version of this page that it understands; see `newest`
     provides: tuple[Text, ...]
     """Keys that it publishes or answers queries on, as in the table of keys, without those of a

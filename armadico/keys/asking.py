@@ -1,33 +1,25 @@
 """Asks for a new certificate of this computer's keys: values and files, without a mesh.
 
 The authority's key signs it if it is on this computer. Otherwise the robot's porter does, if the
-key is on its computer (`armadico.keys.porter`). It also accepts a certificate that has expired,
+key is on its computer (`armadico.keys.admission`). It also accepts a certificate that has expired,
 because a computer may have been off for long.
 """
 
 from __future__ import annotations
 
-import base64
-import json
-import re
 import socket
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
-from typing import Final, NamedTuple
+from typing import Final
 
 from armadico.core.config_errors import ConfigError
-from armadico.keys.store import BACKDATED_S, Identity, Store, write_private
-from armadico.mesh import sockets
-from armadico.mesh.door import ROBOT
+from armadico.keys.expiry import shown, validity
+from armadico.keys.store import Identity, Store, write_private
 
 RENEWAL: Final = "armadico-renewal"
 """The application protocol (ALPN) of a client that asks for a new certificate and sends nothing."""
-
-LINKS: Final = ".links"
-"""Suffix of the file of the porter's links, beside the router's socket: for each the name, when its
-certificate expires, and from when on that is announced, s since 1970."""
 
 PEM: Final = b"-----BEGIN CERTIFICATE-----"
 """How the answer begins; another one says why there is none."""
@@ -36,57 +28,11 @@ LARGEST: Final = 16_384
 """Most bytes of an answer."""
 
 WITHIN_S: Final = 2.0
+"""Timeout of each step of an exchange with a porter, s."""
 
-ANNOUNCED_S: Final = 3600.0
-"""From so long before its end an expiry is announced, s; of a short life, from its last sixth."""
-
-ROBOTS_S: Final = 14 * 86_400.0
-"""The same of the robot's, which a person renews."""
-
-
-class Validity(NamedTuple):
-    """When a certificate is valid, s since 1970."""
-
-    begins: float
-    ends: float
-
-    @property
-    def life(self) -> float:
-        """How long it is valid from its issue on, s."""
-        return max(self.ends - self.begins - BACKDATED_S, 1.0)
-
-    @property
-    def renew_at(self) -> float:
-        return self.ends - self.life / 3
-
-    @property
-    def announce_at(self) -> float:
-        return self.ends - min(ANNOUNCED_S, self.life / 6)
-
-
-def validity(certificate: bytes) -> Validity:
-    """Return when a certificate of `armadico.keys.authority`, PEM, is valid. Raises ValueError.
-
-    `cryptography` takes 60 ms and 10 MB to import, which is much for each process. In DER the two
-    times are adjacent and of fixed length (RFC 5280, 4.1.2.5).
-    """
-    lines = [line for line in certificate.splitlines() if not line.startswith(b"-----")]
-    found = _VALIDITY.search(base64.b64decode(b"".join(lines)))
-    if found is None:
-        raise ValueError("no certificate")
-    begins, ends = (
-        datetime.strptime(t.decode(), "%y%m%d%H%M%SZ").replace(tzinfo=UTC).timestamp()
-        for t in found.groups()
-    )
-    return Validity(begins, ends)
-
-
-_VALIDITY: Final = re.compile(rb"\x30\x1e\x17\x0d(\d{12}Z)\x17\x0d(\d{12}Z)")
-
-
-def shown(t: float) -> str:
-    """Return a time, s since 1970, for people."""
-    return f"{datetime.fromtimestamp(t, UTC):%Y-%m-%d %H:%M} UTC"
+NO_PORT: Final = (
+    "the authority's key is not on this computer, and the host table has no port of the robot"
+)
 
 
 def ask(
@@ -123,9 +69,9 @@ def ask(
         raise ConfigError(UNVERIFIED.get(error.verify_code, FOREIGN)) from None
     except OSError as error:
         why = error.strerror or str(error)
-        raise ConfigError(f"{endpoint} cannot be asked for it: {why}") from None
+        raise ConfigError(f"{endpoint} gives no new certificate: {why}") from None
     if not answer.startswith(PEM):
-        raise ConfigError(answer.decode(errors="replace") or f"{endpoint} gave no answer")
+        raise ConfigError(answer.decode(errors="replace") or f"{endpoint} sent no answer")
     check(identity, answer, endpoint, wall())
     return answer
 
@@ -133,6 +79,7 @@ def ask(
 def check(identity: Identity, certificate: bytes, source: str, now: float) -> None:
     """Raise ConfigError if a new certificate cannot be used by an identity."""
     import ssl  # slow, and seldom needed
+    from tempfile import NamedTemporaryFile
 
     try:
         valid = validity(certificate)
@@ -143,14 +90,13 @@ def check(identity: Identity, certificate: bytes, source: str, now: float) -> No
             f"{source} returned a certificate for {shown(valid.begins)} to {shown(valid.ends)},"
             f" and this computer's clock says {shown(now)}: compare the clocks of both (`date`)"
         )
-    new = identity.certificate.with_suffix(".new")
-    write_private(new, certificate)
-    try:
-        ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_cert_chain(new, identity.private)
-    except OSError:
-        raise ConfigError(f"{source} returned a certificate of another key") from None
-    finally:
-        new.unlink(missing_ok=True)
+    with NamedTemporaryFile() as file:  # `ssl` reads certificates from files only
+        file.write(certificate)
+        file.flush()
+        try:
+            ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_cert_chain(file.name, identity.private)
+        except OSError:
+            raise ConfigError(f"{source} returned a certificate of another key") from None
 
 
 def renewed(
@@ -180,12 +126,7 @@ def renewed(
             reasons.append(str(error))
         else:
             return
-    raise ConfigError("; ".join(reasons) or NOBODY)
-
-
-NOBODY: Final = (
-    "the authority's key is not on this computer, and the host table has no port of the robot"
-)
+    raise ConfigError("; ".join(reasons) or NO_PORT)
 
 
 def refresh(store: Store, identity: Identity, endpoints: Sequence[str]) -> None:
@@ -193,27 +134,3 @@ def refresh(store: Store, identity: Identity, endpoints: Sequence[str]) -> None:
     with suppress(ConfigError, ValueError, OSError):
         if validity(identity.certificate.read_bytes()).ends <= time.time():
             renewed(store, identity, endpoints)
-
-
-def ending(store: Store, namespace: str, now: float) -> dict[str, float]:
-    """Return the certificates that soon end a link, and in how many seconds (`Door.ending`).
-
-    On the robot's computer those of the porter's links, and the robot's own one.
-    """
-    robot = store.identity(namespace, ROBOT)
-    links = sockets.socket_of(namespace).with_suffix(LINKS)
-    found: dict[str, float] = {}
-    if robot.certificate.exists():
-        with suppress(OSError, ValueError):
-            if (left := validity(robot.certificate.read_bytes()).ends - now) < ROBOTS_S:
-                found[robot.name] = left
-        with suppress(OSError, ValueError):
-            rows = json.loads(links.read_text(encoding="utf-8"))
-            found |= {name: ends - now for name, ends, announced in rows if now >= announced}
-        return found
-    for identity in store.identities():
-        with suppress(OSError, ValueError):
-            valid = validity(identity.certificate.read_bytes())
-            if identity.namespace == namespace and now >= valid.announce_at:
-                found[identity.name] = valid.ends - now
-    return found

@@ -21,9 +21,7 @@ from cryptography.hazmat.primitives.serialization import (
     Encoding,
     NoEncryption,
     PrivateFormat,
-    PublicFormat,
     load_pem_private_key,
-    load_pem_public_key,
 )
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
@@ -62,7 +60,7 @@ class Facts:
     """What a certificate says of itself.
 
     Attributes:
-        name: Its common name; "" without one, or with several, which could be taken for any.
+        name: Its common name (`common_name`): with several it could be taken for any.
         begins, ends: When it is valid, UTC.
         serial: Its serial number.
         server: Whether it is a router's.
@@ -96,7 +94,7 @@ def issue(
     *,
     hours: float = CLIENT_HOURS,
     addresses: Sequence[str] = (),
-    public: bytes | None = None,
+    public: Ed25519PublicKey | None = None,
 ) -> Pair:
     """Return a new certificate and its private key.
 
@@ -107,18 +105,19 @@ def issue(
         hours: How long it is valid.
         addresses: Names and addresses at which a router listens; without any it is a client's, and
             no process takes it for a router.
-        public: The public key, PEM, of a certificate that is renewed: the pair has no private key.
+        public: The key of a certificate that is renewed: the pair has no private key.
 
     Raises KeyFileError for an empty or too long name, or one with other characters.
     """
     subject = _named(name, _COMMON_NAME)
-    private = None if public is not None else Ed25519PrivateKey.generate()
+    private = Ed25519PrivateKey.generate() if public is None else None
     issuer = x509.load_pem_x509_certificate(authority.certificate)
     signer = load_pem_private_key(authority.private, None)
     assert isinstance(signer, Ed25519PrivateKey), "it was made by `create`"
     uses = [ExtendedKeyUsageOID.CLIENT_AUTH]
     uses += [ExtendedKeyUsageOID.SERVER_AUTH] if addresses else []
-    key = private.public_key() if private is not None else _public(public or b"")
+    key = public if private is None else private.public_key()
+    assert key is not None, "one of the two is given"
     builder = (
         _builder(subject, key, now, timedelta(hours=hours))
         .issuer_name(issuer.subject)
@@ -136,19 +135,24 @@ def issue(
 def facts(certificate: bytes) -> Facts:
     """Return what a certificate says. Raises KeyFileError if it cannot be read."""
     found = _certificate(certificate)
-    names = found.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
     try:
         uses = found.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
         server = ExtendedKeyUsageOID.SERVER_AUTH in uses
     except (x509.ExtensionNotFound, ValueError):
         server = False
     return Facts(
-        str(names[0].value) if len(names) == 1 else "",
+        common_name(found),
         found.not_valid_before_utc,
         found.not_valid_after_utc,
         found.serial_number,
         server,
     )
+
+
+def common_name(certificate: x509.Certificate) -> str:
+    """Return the name of a certificate; "" without one, or with several."""
+    names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    return str(names[0].value) if len(names) == 1 else ""
 
 
 def is_issued_by(certificate: bytes, authority: bytes) -> bool:
@@ -163,28 +167,26 @@ def is_issued_by(certificate: bytes, authority: bytes) -> bool:
 
 def is_pair(certificate: bytes, private: bytes) -> bool:
     """Return whether a private key is that of a certificate. Raises KeyFileError."""
+    return certificate_key(certificate) == public_of(private)
+
+
+def public_of(private: bytes) -> Ed25519PublicKey:
+    """Return the public key of a private one, PEM. Raises KeyFileError."""
     try:
         key = load_pem_private_key(private, None)
     except (ValueError, TypeError):
-        raise KeyFileError("is not a private key in PEM") from None
-    return _der(_certificate(certificate)) == key.public_key().public_bytes(
-        Encoding.DER, PublicFormat.SubjectPublicKeyInfo
-    )
+        key = None
+    if not isinstance(key, Ed25519PrivateKey):
+        raise KeyFileError("is not a private key in PEM")
+    return key.public_key()
 
 
-def public_of(private: bytes) -> bytes:
-    """Return the public key, PEM, of a private one. Raises KeyFileError."""
-    try:
-        key = load_pem_private_key(private, None)
-    except (ValueError, TypeError):
-        raise KeyFileError("is not a private key in PEM") from None
-    return key.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
-
-
-def certificate_key(certificate: bytes) -> bytes:
-    """Return the public key of a certificate, both PEM. Raises KeyFileError."""
+def certificate_key(certificate: bytes) -> Ed25519PublicKey:
+    """Return the public key of a certificate, PEM. Raises KeyFileError."""
     key = _certificate(certificate).public_key()
-    return key.public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
+    if not isinstance(key, Ed25519PublicKey):
+        raise KeyFileError("has no Ed25519 key")
+    return key
 
 
 def _certificate(pem: bytes) -> x509.Certificate:
@@ -192,10 +194,6 @@ def _certificate(pem: bytes) -> x509.Certificate:
         return x509.load_pem_x509_certificate(pem)
     except ValueError:
         raise KeyFileError("is not a certificate in PEM") from None
-
-
-def _der(certificate: x509.Certificate) -> bytes:
-    return certificate.public_key().public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
 
 
 def _named(name: str, form: re.Pattern[str]) -> x509.Name:
@@ -245,13 +243,3 @@ def _alternative(address: str) -> x509.GeneralName:
 
 def _private(key: Ed25519PrivateKey) -> bytes:
     return key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
-
-
-def _public(pem: bytes) -> Ed25519PublicKey:
-    try:
-        key = load_pem_public_key(pem)
-    except (ValueError, TypeError):
-        key = None
-    if not isinstance(key, Ed25519PublicKey):
-        raise KeyFileError("is not an Ed25519 public key in PEM")
-    return key

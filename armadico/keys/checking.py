@@ -9,6 +9,7 @@ from typing import Final
 
 from armadico.core.config_errors import ConfigError
 from armadico.keys.authority import Facts, KeyFileError, facts, is_issued_by, is_pair
+from armadico.keys.expiry import shown
 from armadico.keys.store import Identity, Member, Store, check_private
 from armadico.mesh.door import ROBOT
 
@@ -58,7 +59,8 @@ class Checks:
             except ConfigError as error:
                 yield str(error)
                 continue
-            yield from derived.named(self._store, namespace, stored, now)
+            found = derived.contradictions(stored, now)
+            yield from derived.named(self._store, namespace, found)
             for agent in now.silent:
                 yield (
                     f"the class of agent {agent} declares nothing, so it may do only what every"
@@ -86,31 +88,22 @@ class Checks:
         except OSError as error:
             yield f"{error.filename} cannot be read: {error.strerror}"
             return
+        file = self._store.authority
         try:
-            about = facts(authority)
-        except KeyFileError as error:
-            yield f"{self._store.authority} {error}: {self._remedy()}"
-            return
-        yield from self._times(self._store.authority, about, "`armadico keys init --anew`")
-        try:
+            yield from self._times(file, facts(authority), "`armadico keys init --anew`")
+            file = identity.certificate
             about = facts(certificate)
-        except KeyFileError as error:
-            yield f"{identity.certificate} {error}: {self._remedy()}"
-            return
-        yield from self._times(identity.certificate, about, self._remedy())
-        if about.name != identity.name:
-            named = about.name or "without a name"
-            yield f"{identity.certificate} is {named}, not {identity.name}: {self._remedy()}"
-        if not is_issued_by(certificate, authority):
-            yield (
-                f"{identity.certificate} is not of the authority in {self._store.authority}:"
-                f" {self._remedy()}"
-            )
-        try:
+            yield from self._times(file, about, self._remedy())
+            if about.name != identity.name:
+                named = about.name or "no single name"
+                yield f"{file} is of {named}, not of {identity.name}: {self._remedy()}"
+            if not is_issued_by(certificate, authority):
+                yield f"{file} is not of the authority in {self._store.authority}: {self._remedy()}"
+            file = identity.private
             if not is_pair(certificate, private):
-                yield f"{identity.private} is not the key of its certificate: {self._remedy()}"
+                yield f"{file} is not the key of its certificate: {self._remedy()}"
         except KeyFileError as error:
-            yield f"{identity.private} {error}: {self._remedy()}"
+            yield f"{file} {error}: {self._remedy()}"
 
     def on_socket(self, identity: Identity) -> Iterator[str]:
         """What is wrong with an identity, for a link by the socket on the robot's computer."""
@@ -146,17 +139,17 @@ class Checks:
                 yield str(error)
 
     def _times(self, file: Path, about: Facts, todo: str) -> Iterator[str]:
-        clock = f"this computer's clock says {_shown(self._now)}"
+        clock = f"this computer's clock says {shown(self._now.timestamp())}"
         if self._now < about.begins:
             ahead = _span(about.begins - self._now)
             yield (
-                f"{file} is not valid before {_shown(about.begins)}, in {ahead}; {clock}: set the"
-                f" clock, or {todo}"
+                f"{file} is not valid before {shown(about.begins.timestamp())}, in {ahead};"
+                f" {clock}: set the clock, or {todo}"
             )
         if self._now > about.ends:
             ago = self._now - about.ends
             doubt = f"; {clock}: set it, if it is wrong, or" if ago > CLOCK_OFF else ":"
-            yield f"{file} expired {_shown(about.ends)}, {_span(ago)} ago{doubt} {todo}"
+            yield f"{file} expired {shown(about.ends.timestamp())}, {_span(ago)} ago{doubt} {todo}"
 
     def _remedy(self, *, anew: bool = False) -> str:
         if self._store.issues and anew:
@@ -167,10 +160,6 @@ class Checks:
             "`armadico keys host` on the computer that has the authority's key writes new ones for"
             " this computer"
         )
-
-
-def _shown(time: datetime) -> str:
-    return f"{time:%Y-%m-%d %H:%M} UTC"
 
 
 def _span(span: timedelta) -> str:

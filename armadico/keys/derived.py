@@ -6,7 +6,7 @@ packages need not be installed on the robot's computer.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -18,9 +18,10 @@ from armadico.core.errors import UnknownNameError
 from armadico.core.guest import IDENTITIES, Guest
 from armadico.core.individual import Individual
 from armadico.core.installed import loaded
-from armadico.keys import rights
-from armadico.keys.rights import Right, RightsError, Table
-from armadico.keys.store import Member, Store, write_private
+from armadico.keys import deriving
+from armadico.keys.deriving import RightsError, Subject
+from armadico.keys.rights import WORDS, Table
+from armadico.keys.store import Member, Store, admits, write_private
 from armadico.mesh.door import ROBOT
 from armadico.mesh.sockets import stem
 
@@ -38,7 +39,7 @@ def derive(members: Iterable[Member], namespace: str) -> Table:
     """
     own = [member for member in members if member.namespace == namespace]
     try:
-        return rights.table([_with_classes(member) for member in own], _last(namespace))
+        return deriving.table([_with_classes(member) for member in own], _last(namespace))
     except RightsError as error:
         raise ConfigError(str(error)) from None
 
@@ -76,36 +77,36 @@ def load(store: Store, namespace: str) -> Table:
 
 def access_control(store: Store, namespace: str) -> dict[str, object]:
     """Return Zenoh's access control of a robot's router. Raises ConfigError."""
-    members = store.members().values()
-    beside = namespace.rpartition("/")[0]
-    robots = [
-        member.namespace
-        for member in members
-        if member.kind == ROBOT
-        and member.namespace != namespace
-        and member.namespace.rpartition("/")[0] == beside
-    ]
-    return load(store, namespace).access_control(namespace, robots)
+    admitted = {m.namespace for m in store.members().values() if admits(m, namespace)}
+    return load(store, namespace).access_control(namespace, sorted(admitted - {namespace}))
 
 
-def contradictions(stored: Table, derived: Table) -> Iterator[str]:
-    """Yield how a stored table differs from the classes, one line for each identity."""
-    before, now = (_by_identity(table) for table in (stored, derived))
-    for identity in dict.fromkeys((*now, *before)):
-        if identity not in before:
-            yield f"{identity} has no rights: its key was made after the table"
-        elif identity not in now:
-            yield f"{identity} has rights, and is no member any more"
-        elif lacks := now[identity].keys() - before[identity].keys():
-            right = now[identity][min(lacks)]
-            yield f"{identity} lacks {_counted(len(lacks))}, such as {shown(right)}"
-        elif surplus := before[identity].keys() - now[identity].keys():
-            right = before[identity][min(surplus)]
+def contradictions(stored: Table, derived: Table, among: Collection[str] = ()) -> Iterator[str]:
+    """Yield how a stored table differs from the classes, one line for each identity.
+
+    `among` limits it to these identities; by default to those of either table.
+    """
+    before, now = ({right[:3]: right for right in table.rights} for table in (stored, derived))
+    for name in among or dict.fromkeys((*derived.speakers, *stored.speakers)):
+        lacks = sorted(each for each in now.keys() - before.keys() if each[0] == name)
+        surplus = sorted(each for each in before.keys() - now.keys() if each[0] == name)
+        if name not in stored.speakers:
+            yield f"{name} has no rights: its key was made after the table"
+        elif name not in derived.speakers:
+            yield f"{name} has rights, and is no member any more"
+        elif lacks:
+            right = now[lacks[0]]
+            shown = f"{WORDS[right.does]} {right.key} ({right.because})"
+            yield f"{name} lacks {_counted(lacks)}, such as {shown}"
+        elif surplus:
+            right = before[surplus[0]]
             yield (
-                f"{identity} has {_counted(len(surplus))} that its class does not declare, such as"
-                f" {rights.WORDS[right.does]} {right.key}"
+                f"{name} has {_counted(surplus)} that its class does not declare, such as"
+                f" {WORDS[right.does]} {right.key}"
             )
-    if {each[:2] for each in stored.critical} != {each[:2] for each in derived.critical}:
+    agents = {agent for name in among for agent in derived.speakers[name]}
+    critical = {each[:2] for each in stored.critical if not among or each.agent in agents}
+    if critical != {each[:2] for each in derived.critical}:
         yield "the agents that may bid critical differ"
 
 
@@ -132,50 +133,31 @@ def doubts(store: Store, namespace: str, labels: Iterable[Sequence[str]]) -> Ite
     except ConfigError as error:
         yield str(error)
         return
-    here = Table(
-        tuple(right for right in stored.rights if right.identity in now.speakers),
-        {name: speakers for name, speakers in stored.speakers.items() if name in now.speakers},
-        tuple(each for each in stored.critical if each.agent in _agents(now)),
-    )
-    yield from named(store, namespace, here, now)
+    if members:
+        yield from named(store, namespace, contradictions(stored, now, now.speakers))
 
 
-def named(store: Store, namespace: str, stored: Table, now: Table) -> Iterator[str]:
+def named(store: Store, namespace: str, found: Iterable[str]) -> Iterator[str]:
     """Yield the contradictions of a stored table, each with the file and what to do."""
-    for line in contradictions(stored, now):
+    for line in found:
         yield (
             f"{file_of(store, namespace)} contradicts the classes: {line}; {DERIVE} writes it again"
         )
 
 
-def _agents(table: Table) -> set[str]:
-    return {speaker for speakers in table.speakers.values() for speaker in speakers}
+def _counted(rights: Sequence[object]) -> str:
+    return "one right" if len(rights) == 1 else f"{len(rights)} rights"
 
 
-def shown(right: Right) -> str:
-    return f"{rights.WORDS[right.does]} {right.key} ({right.because})"
-
-
-def _counted(number: int) -> str:
-    return "one right" if number == 1 else f"{number} rights"
-
-
-def _by_identity(table: Table) -> dict[str, dict[tuple[str, str], Right]]:
-    found: dict[str, dict[tuple[str, str], Right]] = {name: {} for name in table.speakers}
-    for right in table.rights:
-        found[right.identity][right.does, right.key] = right
-    return found
-
-
-def _with_classes(member: Member) -> rights.Member:
+def _with_classes(member: Member) -> Subject:
     name = member.name.rpartition("/")[2]
     if member.kind == "launcher":
         from armadico.agents.supervision.wakeup import Wakeup
 
-        return rights.Member(name, {Wakeup.name: Wakeup})
+        return Subject(name, {Wakeup.name: Wakeup})
     if member.kind in ("agent", ROBOT):
-        return rights.Member(name, {agent: _agent(agent) for agent in member.agents})
-    return rights.Member(name, {}, _guest(member))
+        return Subject(name, {agent: _agent(agent) for agent in member.agents})
+    return Subject(name, {}, _guest(member))
 
 
 def _agent(name: str) -> type[Individual]:

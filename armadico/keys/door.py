@@ -1,22 +1,26 @@
-"""The door of one process: its keys, as Zenoh's settings."""
+"""The door of one process: its keys, as Zenoh's settings, and what they tell of others.
+
+What is slow to import is imported where it is needed: every process opens a door.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from armadico.core.config_errors import ConfigError
-from armadico.keys.asking import ending, refresh
+from armadico.keys.asking import refresh
+from armadico.keys.expiry import ending
 from armadico.keys.store import Identity, Store, stamp
 from armadico.mesh.door import ACCESS, TLS, USER, Door
 
 if TYPE_CHECKING:
     from armadico.config.endpoints import Endpoints
-    from armadico.keys.rights import Does, Table
+    from armadico.keys.rights import Table
     from armadico.keys.signing import Verifier
     from armadico.mesh.zenoh import ZenohMesh
 
@@ -34,37 +38,10 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
     if "+" in name:
         name = store.of_agents(where.namespace, name.split("+"))
     found = store.checked(where.namespace, name)
-    if not router:
-        refresh(store, found, where.known)
-    settings: dict[str, object] = {
-        f"{TLS}root_ca_certificate": str(store.authority),
-        f"{TLS}enable_mtls": True,
-        f"{TLS}connect_certificate": str(found.certificate),
-        f"{TLS}connect_private_key": str(found.private),
-        f"{USER}user": found.name,
-        f"{USER}password": _Password(found.password),
-    }
     if router:
-        from armadico.keys.derived import access_control  # only a router needs it
-
-        settings |= {
-            f"{USER}dictionary_file": str(store.users(where.namespace)),
-            ACCESS: access_control(store, where.namespace),
-        }
-    rights = _Rights(found, store)
-    return Door(
-        found.name,
-        settings,
-        str(store.folder),
-        partial(_faults, store, found),
-        partial(_sign, found),
-        _Verify(found.namespace, store),
-        _keeper(where, name, router=router),
-        may_be_critical=rights.may_be_critical,
-        doubts=partial(_doubts, store, found.namespace),
-        forbidden=rights.forbidden,
-        ending=lambda: ending(store, where.namespace, time.time()),
-    )
+        return _RouterDoor(store, found, where)
+    refresh(store, found, where.known)
+    return _KeyDoor(store, found)
 
 
 class _Password(NamedTuple):
@@ -76,96 +53,109 @@ class _Password(NamedTuple):
         return self.file.read_text(encoding="utf-8")
 
 
-def _sign(identity: Identity, data: bytes) -> bytes:
-    from armadico.keys.signing import sign  # slow, and few agents sign
+class _KeyDoor(Door):
+    """The door of a client; it reads the table of rights again when its file has changed."""
 
-    return sign(identity, data)
-
-
-def _doubts(store: Store, namespace: str, labels: Sequence[Sequence[str]]) -> list[str]:
-    from armadico.keys.derived import doubts  # imports the agents
-
-    return [*doubts(store, namespace, labels)]
-
-
-class _Rights:
-    """The table of rights, which is in each archive of keys, read when it has changed."""
-
-    def __init__(self, identity: Identity, store: Store) -> None:
-        self._identity, self._store = identity, store
+    def __init__(self, store: Store, identity: Identity) -> None:
+        self._store, self._identity = store, identity
         self._table: Table | None = None
-        self._own: Mapping[Does, tuple[set[str], set[str]]] = {}
         self._written: object = None
+        settings: dict[str, object] = {
+            f"{TLS}root_ca_certificate": str(store.authority),
+            f"{TLS}enable_mtls": True,
+            f"{TLS}connect_certificate": str(identity.certificate),
+            f"{TLS}connect_private_key": str(identity.private),
+            f"{USER}user": identity.name,
+            f"{USER}password": _Password(identity.password),
+        }
+        super().__init__(identity.name, settings, str(store.folder))
 
-    def _read(self) -> Table | None:
-        from armadico.keys.derived import file_of, load  # slow
+    def keep(self, mesh: ZenohMesh) -> Callable[[], None]:
+        from armadico.keys.renewing import Renewing
 
-        identity = self._identity
-        try:
-            written = stamp(file_of(self._store, identity.namespace))
-            if written is None or written != self._written:
-                self._table, self._written = load(self._store, identity.namespace), written
-                known = identity.last in self._table.speakers
-                self._own = self._table.expressions(identity.last) if known else {}
-        except (OSError, ConfigError):
-            return None
-        return self._table
+        return Renewing(mesh).close
+
+    def faults(self, here: bool) -> Sequence[str]:
+        from armadico.keys.checking import Checks
+
+        checks = Checks(self._store, datetime.now(UTC))
+        return tuple(checks.on_socket(self._identity) if here else checks.of(self._identity))
+
+    def ending(self) -> Mapping[str, float]:
+        return ending(self._store, self._identity.namespace, time.time())
+
+    def sign(self, data: bytes) -> bytes:
+        from armadico.keys.signing import sign
+
+        return sign(self._identity, data)
+
+    def verify(self, name: str, data: bytes, signed: bytes) -> bool:
+        return self._verifier(name, data, signed)
+
+    @cached_property
+    def _verifier(self) -> Verifier:
+        from armadico.keys.signing import Verifier
+
+        now = partial(datetime.now, UTC)
+        return Verifier(self._identity.namespace, self._store.authority, now)
 
     def may_be_critical(self, instance: str, resource: str) -> bool:
-        """`Door.may_be_critical`: without a table no bid may be."""
-        table = self._read()
+        table = self._rights()
         return table is not None and table.may_be_critical(instance, resource)
 
-    def forbidden(self, does: str, key: str) -> str:
-        """`Door.forbidden`: without a table nothing is known to be."""
-        from armadico.keys.rights import Does, permits
+    def may_own(self, instance: str, resource: str) -> bool:
+        """`Door.may_own`: without a table nothing may be owned."""
+        table = self._rights()
+        return table is not None and table.may_own(instance, resource)
 
-        if self._read() is None or not self._own or permits(*self._own[Does(does)], key):
+    def forbidden(self, does: str, key: str) -> str:
+        from armadico.keys.rights import Does
+
+        table, own = self._rights(), self._identity.last
+        if table is None or own not in table.speakers or table.why(own, Does(does), key):
             return ""
         return (
-            f"{self._identity.name} has no right to {does} {key}, so the robot's router drops it;"
+            f"{self.name} has no right to {does} {key}, so the robot's router drops it;"
             f" `armadico keys rights --explain {key}` prints who has, and by which declaration"
         )
 
+    def doubts(self, labels: Sequence[Sequence[str]]) -> Sequence[str]:
+        from armadico.keys.derived import doubts
 
-class _Verify:
-    """`Door.verify`, which reads the authority's certificate when it is first needed."""
+        return tuple(doubts(self._store, self._identity.namespace, labels))
 
-    def __init__(self, namespace: str, store: Store) -> None:
-        self._namespace, self._store = namespace, store
-        self._verifier: Verifier | None = None
+    def _rights(self) -> Table | None:
+        """The table of rights, which is in each archive of keys; None if it cannot be read."""
+        from armadico.keys.derived import file_of, load
 
-    def __call__(self, name: str, data: bytes, signed: bytes) -> bool:
-        if self._verifier is None:
-            from armadico.keys.signing import Verifier
+        namespace = self._identity.namespace
+        written = stamp(file_of(self._store, namespace))
+        if written is None or written != self._written:
+            try:
+                self._table, self._written = load(self._store, namespace), written
+            except ConfigError:
+                return None
+        return self._table
 
-            now = partial(datetime.now, UTC)
-            self._verifier = Verifier(self._namespace, self._store.authority, now)
-        return self._verifier(name, data, signed)
 
+class _RouterDoor(_KeyDoor):
+    """The door of the robot's router, with the users and what each may do."""
 
-def _keeper(
-    where: Endpoints, name: str, *, router: bool
-) -> Callable[[ZenohMesh], Callable[[], None]]:
-    """`Door.keep`."""
+    def __init__(self, store: Store, identity: Identity, where: Endpoints) -> None:
+        from armadico.keys.derived import access_control
 
-    def keep(mesh: ZenohMesh) -> Callable[[], None]:
-        if not router:
-            from armadico.keys.renewing import Renewing  # after `zenoh`, which is heavy
+        super().__init__(store, identity)
+        self._where = where
+        self.settings = {
+            **self.settings,
+            f"{USER}dictionary_file": str(store.users(identity.namespace)),
+            ACCESS: access_control(store, identity.namespace),
+        }
 
-            return Renewing(mesh).close
+    def keep(self, mesh: ZenohMesh) -> Callable[[], None]:
         from armadico.keys.listening import Listening
 
+        where, name = self._where, self._identity.last
         hosts = where.table.hosts.values() if where.table is not None else ()
         named = [address for host in hosts for address in host.addresses]
         return Listening(mesh, lambda: open_door(where, name, router=True), named).close
-
-    return keep
-
-
-def _faults(store: Store, identity: Identity, here: bool) -> Sequence[str]:
-    """What is wrong with an identity now, as `Door.faults`."""
-    from armadico.keys.checking import Checks  # slow, and only an error needs it
-
-    checks = Checks(store, datetime.now(UTC))
-    return tuple(checks.on_socket(identity) if here else checks.of(identity))

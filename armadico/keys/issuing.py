@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path
 
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+
 from armadico.core.config_errors import ConfigError
 from armadico.keys.authority import (
     BEFORE,
@@ -110,25 +112,21 @@ class Issuer:
 
         Returns the names, and a sentence for each that cannot be renewed.
         """
-        listed, known = self.store.members(), tuple(addresses)
+        known = tuple(addresses)
         renewed: list[str] = []
         refused: list[str] = []
         for identity in identities:
-            member = listed.get(identity.name)
-            if member is None or member.revoked:
-                why = "is revoked" if member else "is not in the list of identities"
-                refused.append(
-                    f"{identity.name} {why}: `armadico keys agent`, say, makes a new one"
-                )
-                continue
             try:
+                member = self._renewable(identity.name)
                 public = public_of(identity.private.read_bytes())
+            except ConfigError as error:
+                refused.append(str(error))
             except KeyFileError as error:
                 refused.append(f"{identity.private} {error}: `armadico keys host` makes a new one")
-                continue
-            pair = self._issue(member, now, known, public)
-            self.store.save(member, pair.certificate, b"", self.store.password(member))
-            renewed.append(identity.name)
+            else:
+                pair = self._issue(member, now, known, public)
+                self.store.save(member, pair.certificate, b"", self.store.password(member))
+                renewed.append(identity.name)
         return renewed, refused
 
     def again(self, certificate: bytes, now: datetime) -> bytes:
@@ -140,16 +138,24 @@ class Issuer:
         about = facts(certificate)
         if not is_issued_by(certificate, self.pair.certificate):
             raise ConfigError(f"the certificate of {about.name} is of another authority")
-        member = self.store.members().get(about.name)
-        if member is None:
-            raise ConfigError(f"{about.name} is not in the list of identities")
-        if member.revoked:
-            raise ConfigError(f"{about.name} was revoked {member.revoked}")
+        member = self._renewable(about.name)
         if _server(member):
             raise ConfigError(f"{about.name} is the robot's: `armadico keys renew` renews it")
         hours = (about.ends - about.begins - BEFORE) / timedelta(hours=1)
         key = certificate_key(certificate)
         return replace(self, hours=hours)._issue(member, now, (), key).certificate
+
+    def _renewable(self, name: str) -> Member:
+        """A listed identity that is not revoked. Raises ConfigError."""
+        member = self.store.members().get(name)
+        if member is None:
+            raise ConfigError(f"{name} is not in the list of identities")
+        if member.revoked:
+            raise ConfigError(
+                f"{name} was revoked {member.revoked}: `armadico keys host`, `agent` or `person`"
+                " makes a new key"
+            )
+        return member
 
     def revoke(self, names: Iterable[str], now: datetime) -> list[str]:
         """Revoke identities in the list; returns those that were not revoked before."""
@@ -163,7 +169,11 @@ class Issuer:
         return list(new)
 
     def _issue(
-        self, member: Member, now: datetime, addresses: Sequence[str], public: bytes | None = None
+        self,
+        member: Member,
+        now: datetime,
+        addresses: Sequence[str],
+        public: Ed25519PublicKey | None = None,
     ) -> Pair:
         server = _server(member)
         try:

@@ -7,11 +7,7 @@ reads users and rights only when a session opens.
 from __future__ import annotations
 
 import logging
-import os
-import select
 import socket
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -19,8 +15,8 @@ from pathlib import Path
 from typing import Final
 
 from armadico.core.config_errors import ConfigError
-from armadico.keys import porter
 from armadico.keys.derived import file_of
+from armadico.keys.porter_process import ENDS_S, PorterProcess
 from armadico.keys.store import MEMBERS, Store, stamp
 from armadico.mesh import handshake, sockets
 from armadico.mesh.door import USER, Door
@@ -31,13 +27,6 @@ logger = logging.getLogger("armadico.keys")
 
 LOOK_S: Final = 0.5
 """Period of looking for a changed list of identities or table of rights, s."""
-
-ENDS_S: Final = 1.0
-"""A porter that has not ended by then, once told, is killed."""
-
-STARTS_S: Final = 20.0
-HUNG_S: Final = 4.0
-"""A porter that shows nothing for so long hangs, and is killed; `STARTS_S`: at first, s."""
 
 SHORT_S: Final = 1.0
 """After a porter that ended within this time the next one is started so much later, s."""
@@ -77,11 +66,11 @@ class Listening:
     def close(self) -> None:
         self._over.set()
         if self._porter is not None:
-            _end(self._porter)
+            self._porter.end()
         for thread in self._threads:
             thread.join(ENDS_S)
         if self._porter is not None:
-            _forget(self._porter)
+            self._porter.forget()
         for end in self._ends:
             end.close()
 
@@ -97,40 +86,22 @@ class Listening:
         """Start the porter again when it has ended."""
         while self._porter is not None:
             began = time.monotonic()
-            why = self._await_end(self._porter)
+            why = self._porter.await_end()
             if self._over.is_set():
                 return
             logger.error("the porter of the TLS port %s; it is started again", why)
-            _end(self._porter)
-            _forget(self._porter)
+            self._porter.end()
+            self._porter.forget()
             if time.monotonic() - began < SHORT_S and self._over.wait(SHORT_S):
                 return  # it cannot start
             self._porter = self._start()
             if self._over.is_set():  # it was closed meanwhile
-                _end(self._porter)
+                self._porter.end()
 
-    def _await_end(self, process: subprocess.Popen[bytes]) -> str:
-        """Return how a porter has ended, once it has; one that hangs is killed."""
-        assert process.stdout is not None, "it has a pipe"
-        timeout = STARTS_S
-        while select.select([process.stdout], [], [], timeout)[0]:
-            if not os.read(process.stdout.fileno(), 4096):
-                return f"has ended ({process.wait()})"
-            timeout = HUNG_S
-        process.kill()
-        return "hangs"
-
-    def _start(self) -> subprocess.Popen[bytes]:
-        store, mesh = self._store, self._mesh
-        fds = [end.fileno() for end in self._ends]
-        words = [str(store.folder), mesh.namespace, str(sockets.socket_of(mesh.namespace))]
-        words += [" ".join(self._named), *map(str, fds)]
-        return subprocess.Popen(
-            [sys.executable, "-m", porter.__name__, *words],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            pass_fds=fds,
-        )
+    def _start(self) -> PorterProcess:
+        namespace = self._mesh.namespace
+        router = sockets.socket_of(namespace)
+        return PorterProcess(self._ends, namespace, self._store, router, self._named)
 
     def _renew(self) -> None:
         """Open the session anew if the list of identities has changed what it admits."""
@@ -138,10 +109,8 @@ class Listening:
         try:
             door = self._remake()
             users = self._read_users(door)
-            if before.door is not None and (users, door.settings) == (
-                self._users,
-                before.door.settings,
-            ):
+            assert before.door is not None, "`__init__` has checked it"
+            if (users, door.settings) == (self._users, before.door.settings):
                 return
             self._mesh.reopen(before._replace(door=door))
         except (ConfigError, MeshError) as error:
@@ -149,7 +118,8 @@ class Listening:
             return
         left, came = _names(self._users) - _names(users), _names(users) - _names(self._users)
         self._users = users
-        changes = [f"{name} is out" for name in sorted(left)] + [f"{n} is in" for n in sorted(came)]
+        changes = [f"{n} was removed" for n in sorted(left)]
+        changes += [f"{n} was added" for n in sorted(came)]
         logger.warning("identities have changed: %s", ", ".join(changes) or "new keys or rights")
 
     def _read_users(self, door: Door) -> bytes:
@@ -180,19 +150,3 @@ def listen(endpoint: str) -> socket.socket:
 
 def _names(users: bytes) -> set[str]:
     return {line.partition(":")[0] for line in users.decode().splitlines()}
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    assert process.stdin is not None, "it has a pipe"
-    process.stdin.close()
-    try:
-        process.wait(ENDS_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-
-
-def _forget(process: subprocess.Popen[bytes]) -> None:
-    """Close the output of a process that has ended, which nothing reads any more."""
-    assert process.stdout is not None, "it has a pipe"
-    process.stdout.close()

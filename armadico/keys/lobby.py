@@ -33,8 +33,8 @@ class Ration:
 
     rate_hz: float
     burst: float
-    left: float = field(init=False)
     at: float = 0.0
+    left: float = field(init=False)
 
     def __post_init__(self) -> None:
         self.left = self.burst
@@ -88,10 +88,8 @@ class Lobby(Generic[C]):
 
     def next(self, now: float) -> C | None:
         """Return the connection whose handshake begins now; None if none may."""
-        self._strangers.refill(now)
         for source in sorted(self._ready, key=self._is_stranger):  # stable: they take turns
-            ration = self._ration(source, now)
-            rations = (ration, self._strangers) if self._is_stranger(source) else (ration,)
+            rations = self._rations_of(source, now)
             if min(each.left for each in rations) < 1.0:
                 continue
             for each in rations:
@@ -106,23 +104,21 @@ class Lobby(Generic[C]):
 
     def due(self, now: float) -> float | None:
         """How long until `next` or `late` may return something, s; None: not before a change."""
-        waits = []
-        for source in self._ready:
-            wait = self._ration(source, now).until_one()
-            together = self._strangers.until_one() if self._is_stranger(source) else 0.0
-            waits.append(max(wait, together))
+        waits = [
+            max(ration.until_one() for ration in self._rations_of(source, now))
+            for source in self._ready
+        ]
         first = next(iter(self.waiting.values()), None)
         if first is not None:
             waits.append(max(first[1] + INTRODUCTION_S - now, 0.0))
         return min(waits, default=None)
 
-    def introduced(self, connection: C) -> None:
+    def introduced(self, connection: C, now: float) -> None:
         """Remove a connection whose handshake succeeded, which costs its source less."""
         source, _ = self.waiting[connection]
         self.leave(connection)
-        for ration in (self._rations.get(source), self._strangers):
-            if ration is not None and (ration is not self._strangers or self._is_stranger(source)):
-                ration.left = min(ration.left + REFUND, ration.burst)
+        for ration in self._rations_of(source, now):
+            ration.left = min(ration.left + REFUND, ration.burst)
 
     def leave(self, connection: C) -> None:
         """Remove a connection; one that is not here is ignored."""
@@ -147,16 +143,16 @@ class Lobby(Generic[C]):
     def _is_stranger(self, source: str) -> bool:
         return source not in self.named
 
-    def _ration(self, source: str, now: float) -> Ration:
-        ration = self._rations.get(source)
-        if ration is None:
-            ration = self._rations[source] = Ration(RATE_HZ, BURST)
-            ration.at = now
-            if len(self._rations) > MOST_SOURCES:
-                self._rations.popitem(last=False)
+    def _rations_of(self, source: str, now: float) -> list[Ration]:
+        """The rations that a handshake of a source takes from, refilled."""
+        own = self._rations.setdefault(source, Ration(RATE_HZ, BURST, now))
         self._rations.move_to_end(source)
-        ration.refill(now)
-        return ration
+        if len(self._rations) > MOST_SOURCES:
+            self._rations.popitem(last=False)
+        rations = [own, self._strangers] if self._is_stranger(source) else [own]
+        for ration in rations:
+            ration.refill(now)
+        return rations
 
 
 def source_of(address: str) -> str:

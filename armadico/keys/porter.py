@@ -1,67 +1,45 @@
-"""The porter: a process that holds the TLS port of a robot's router.
+"""The porter: holds the TLS port of a robot's router, in a process of its own.
 
-The robot agent starts it, with the listening socket. It admits clients on other computers by their
-certificates and hands their bytes to the router's Unix socket. There they log in with their names
-and passwords, as clients on the robot's computer do, so the router has one kind of identity.
+It admits clients on other computers by their certificates and hands their bytes to the router's
+Unix socket. There they log in with their names and passwords, as clients on the robot's computer
+do, so the router has one kind of identity.
 
 Zenoh's own TLS listener (1.10.2) sleeps 100 ms after each failed handshake (zenoh issue 2685), so a
 stranger who opens 20 connections per second keeps every newcomer out. It reads its certificate
-once, knows no revocation, and does not report a failed handshake. The porter
+once, knows no revocation, and does not report a failed handshake.
 
-- serves first what has introduced itself, and rations handshakes by source (`armadico.keys.lobby`);
-- reads its own certificate and the list of members again when their files change;
-- closes a link when its certificate expires or its name is revoked. A link lives as long as the
-  newest certificate that its name has shown from the same address, so a renewed one needs no new
-  link: its process connects anew, introduces itself, and leaves;
-- issues a new certificate for the key of a present or expired one (`armadico.keys.asking`), if the
-  authority's key is on this computer.
-
-It ends when its standard input is closed, which happens when the robot agent ends. To show that it
-does not hang it writes to its standard output.
+A connection is first a `Newcomer`. The lobby (`armadico.keys.lobby`) says whose handshake begins
+next, and `armadico.keys.admission` whom the files of keys admit. Then it is a `Link`
+(`armadico.keys.link`), until its certificate expires or its name is revoked. A link lives as long
+as the newest certificate that its name has shown from the same address, so a renewed one needs no
+new link: its process connects anew, introduces itself, and leaves.
 """
 
 from __future__ import annotations
 
 import errno
-import gc
-import importlib
 import json
 import logging
-import os
 import re
-import resource
 import selectors
-import signal
 import socket
 import ssl
-import sys
-import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
-from datetime import UTC, datetime
-from math import inf
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Final
 
-from armadico.core.config_errors import ConfigError
-from armadico.keys.asking import LINKS, RENEWAL, Validity
+from armadico.keys.admission import NO_TLS, Admission, failure, introduced
+from armadico.keys.asking import RENEWAL
+from armadico.keys.expiry import LINKS
+from armadico.keys.link import FLOWS, Link
 from armadico.keys.lobby import Lobby, source_of
-from armadico.keys.store import MEMBERS, Store, admits, stamp
-from armadico.mesh.door import ROBOT
+from armadico.keys.store import Store
 
 logger = logging.getLogger("armadico.keys")
-
-CHUNK: Final = 65_536
-"""Most bytes of one read, which is Zenoh's largest batch."""
-
-LARGEST: Final = 262_144
-"""Bytes that wait for one end of a link. Beyond them nothing is read from its other end."""
-
-TURNS: Final = 4
-"""Most reads of one link before the others get their turn."""
 
 LOOK_S: Final = 0.5
 """Period of looking for changed files and for links whose certificate has expired, s."""
@@ -71,12 +49,6 @@ FLUSH_S: Final = 1.0
 
 SILENT_S: Final = 3.0
 """A client that was admitted and sends nothing for so long is turned away, s."""
-
-EXPIRED_S: Final = 30 * 86_400.0
-"""A certificate that expired longer ago is not renewed, s."""
-
-NO_CHECK_TIME: Final = 0x200000
-"""OpenSSL's X509_V_FLAG_NO_CHECK_TIME, which `ssl` does not name."""
 
 ROUTER_S: Final = 0.02
 """Period of looking for the router while clients wait for it, s: it is away while it reopens."""
@@ -101,43 +73,18 @@ ACCEPTS: Final = 32
 
 
 @dataclass(eq=False, slots=True)
-class Link:
-    """A connection of a client, and the one to the router that is made for it.
+class Newcomer:
+    """A connection that has not introduced itself.
 
     Attributes:
-        outer: The connection; from the begin of the handshake on with TLS.
+        outer: The connection; with TLS once its handshake has begun.
         peer: Its address.
-        source: What its ration is counted by.
         asks: It asks for a new certificate, and gets nothing else.
-        name: Its identity, once it is admitted.
-        since: When it was accepted or admitted, s.
-        ends: When its certificate expires, s.
-        announced: How long before that it is announced, s.
-        inner: The connection to the router, once the client has sent something.
-        inward, outward: Bytes that wait for the router, and for the client.
-        closing: Since when it only sends what waits, s; None: it is open.
-        is_plain: Both ends are only read, which is nearly always so.
     """
 
     outer: socket.socket
     peer: str
-    source: str
-    since: float
     asks: bool = False
-    name: str = ""
-    ends: float = inf
-    announced: float = 0.0
-    inner: socket.socket | None = None
-    inward: bytearray = field(default_factory=bytearray)
-    outward: bytearray = field(default_factory=bytearray)
-    closing: float | None = None
-    is_plain: bool = False
-
-    @property
-    def ends_of_it(self) -> Iterator[socket.socket]:
-        yield self.outer
-        if self.inner is not None:
-            yield self.inner
 
 
 class Porter:
@@ -162,18 +109,18 @@ class Porter:
         """
         self._router = router
         self._links_file = router.with_suffix(LINKS)
-        self._listed: set[tuple[str, float, float]] = set()
+        self._listed: list[tuple[str, float, float]] = []
         self._selector = selectors.DefaultSelector()
-        self._lobby = Lobby[Link]()
+        self._lobby = Lobby[Newcomer]()
         self._links: set[Link] = set()
-        self._again: set[Link] = set()  # they may have more to read, without an event
         self._unserved: set[Link] = set()  # they wait for the router
-        self._files = Files(namespace, store)
+        self._again: set[Link] = set()  # they may have more to read, without an event
+        self._admission = Admission(namespace, store)
         self._turned_away = Counter[tuple[str, str]]()
         self._reported_at = time.monotonic()
         for each in listening:
             each.setblocking(False)
-            self._selector.register(each, selectors.EVENT_READ)
+            self._selector.register(each, selectors.EVENT_READ, each)
 
     def prefer(self, hosts: Sequence[str]) -> None:
         """Serve the addresses of hosts before others; may be called from another thread.
@@ -202,49 +149,32 @@ class Porter:
             if any(key.fd == over for key, _ in events):
                 return
             # What robots and their clients send comes before newcomers.
-            again, self._again = self._again, set()
-            for link in again | self._unserved:
-                self._guarded(link, self._pass_inward)
-            news: list[tuple[selectors.SelectorKey, int]] = []
+            for link in self._again | self._unserved:
+                self._do(link, link.pass_inward)
             for key, mask in events:
-                link = key.data
-                if link is None or not link.name:
-                    news.append((key, mask))
-                elif link in self._links:  # it was not dropped in this turn
-                    self._on_event(link, key.fd, mask)
-            for key, _ in news:
-                self._on_newcomer(key)
+                if isinstance(key.data, Link):
+                    self._on_link(key.data, key.fd, mask)
+            for key, _ in events:
+                if isinstance(key.data, socket.socket):
+                    self._accept(key.data)
+                elif isinstance(key.data, Newcomer):
+                    self._on_newcomer(key.data)
             now = time.monotonic()
-            for link in self._lobby.late(now):
-                self._turn_away(link, "did not introduce itself in time")
+            for newcomer in self._lobby.late(now):
+                self._turn_away(newcomer, "did not introduce itself in time")
             begins = self._lobby.next(now)  # one in each turn: a handshake takes a millisecond
             if begins is not None:
                 self._begin(begins)
 
     def close(self) -> None:
-        for link in (*self._links, *self._lobby.waiting):
+        for link in tuple(self._links):
             self._drop(link)
+        for newcomer in tuple(self._lobby.waiting):
+            self._dismiss(newcomer)
         self._selector.close()
         self._links_file.unlink(missing_ok=True)
 
     # Newcomers -----------------------------------------------------------------------------------
-
-    def _on_newcomer(self, key: selectors.SelectorKey) -> None:
-        link = key.data
-        if link is None:
-            assert isinstance(key.fileobj, socket.socket), "the other one ends the turn"
-            self._accept(key.fileobj)
-        elif isinstance(link.outer, ssl.SSLSocket):
-            self._shake_hands(link)
-        elif link in self._lobby.waiting:
-            self._watch(link.outer, 0, link)  # until it is its turn
-            begin = _begin_of(link.outer)
-            if not begin:  # it only tried whether something listens
-                self._drop(link)
-            elif not HELLO.match(begin):  # refused before it costs a handshake
-                self._turn_away(link, REASONS["WRONG_VERSION_NUMBER"])
-            else:
-                self._lobby.ready(link)
 
     def _accept(self, listening: socket.socket) -> None:
         for _ in range(ACCEPTS):
@@ -259,202 +189,154 @@ class Porter:
                 return
             outer.setblocking(False)
             outer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            link = Link(outer, str(address[0]), source_of(address[0]), time.monotonic())
-            self._watch(outer, selectors.EVENT_READ, link)
-            crowded_out = self._lobby.enter(link, link.source, link.since)
+            newcomer = Newcomer(outer, str(address[0]))
+            self._watch(outer, selectors.EVENT_READ, newcomer)
+            source = source_of(newcomer.peer)
+            crowded_out = self._lobby.enter(newcomer, source, time.monotonic())
             if crowded_out is not None:
                 self._turn_away(crowded_out, "did not introduce itself, and made room for others")
 
-    def _begin(self, link: Link) -> None:
+    def _on_newcomer(self, newcomer: Newcomer) -> None:
+        outer = newcomer.outer
+        if newcomer not in self._lobby.waiting:  # it was turned away in this turn
+            return
+        if isinstance(outer, ssl.SSLSocket):
+            self._shake_hands(newcomer, outer)
+            return
+        self._watch(outer, 0, newcomer)  # until it is its turn
+        begin = _begin_of(outer)
+        if not begin:  # it only tried whether something listens
+            self._dismiss(newcomer)
+        elif not HELLO.match(begin):  # refused before it costs a handshake
+            self._turn_away(newcomer, NO_TLS)
+        else:
+            self._lobby.ready(newcomer)
+
+    def _begin(self, newcomer: Newcomer) -> None:
         """Begin a connection's handshake."""
-        link.asks = RENEWAL.encode() in _begin_of(link.outer, HELLO_SIZE)
-        context = self._files.lenient if link.asks else self._files.context
+        newcomer.asks = RENEWAL.encode() in _begin_of(newcomer.outer, HELLO_SIZE)
+        context = self._admission.lenient if newcomer.asks else self._admission.context
         try:
-            link.outer = context.wrap_socket(
-                link.outer, server_side=True, do_handshake_on_connect=False
+            newcomer.outer = outer = context.wrap_socket(
+                newcomer.outer, server_side=True, do_handshake_on_connect=False
             )
         except OSError:  # the client has gone
-            self._turn_away(link, "ended its connection before it introduced itself")
+            self._turn_away(newcomer, "ended its connection before it introduced itself")
             return
-        self._shake_hands(link)
+        self._shake_hands(newcomer, outer)
 
-    def _shake_hands(self, link: Link) -> None:
+    def _shake_hands(self, newcomer: Newcomer, outer: ssl.SSLSocket) -> None:
         """Continue a connection's handshake, and admit it at the end."""
-        outer = link.outer
-        assert isinstance(outer, ssl.SSLSocket), "it has begun"
         try:
             outer.do_handshake()
         except ssl.SSLWantReadError:
-            self._watch(outer, selectors.EVENT_READ, link)
+            self._watch(outer, selectors.EVENT_READ, newcomer)
         except ssl.SSLWantWriteError:
-            self._watch(outer, selectors.EVENT_WRITE, link)
+            self._watch(outer, selectors.EVENT_WRITE, newcomer)
         except OSError as error:
-            self._turn_away(link, failure(error))
+            self._turn_away(newcomer, failure(error))
         else:
-            self._lobby.introduced(link)
-            self._admit(link, outer)
+            self._lobby.introduced(newcomer, time.monotonic())
+            self._admit(newcomer, outer)
 
-    def _admit(self, link: Link, outer: ssl.SSLSocket) -> None:
-        found = cast("dict[str, Any]", outer.getpeercert())
-        names = [value for part in found["subject"] for key, value in part if key == "commonName"]
-        name = str(names[0]) if len(names) == 1 else ""  # several would be several identities
-        if why := self._files.refusal(name) or self._crowd(name):
-            self._turn_away(link, why)
+    def _admit(self, newcomer: Newcomer, outer: ssl.SSLSocket) -> None:
+        name, valid = introduced(outer)
+        if why := self._admission.refusal(name) or self._crowd(name):
+            self._turn_away(newcomer, why)
             return
-        link.name, link.since = name, time.monotonic()
         # By the monotonic clock from here on: a step of the wall clock ends no link.
-        valid = Validity(*(ssl.cert_time_to_seconds(found[e]) for e in ("notBefore", "notAfter")))
-        link.ends = link.since + valid.ends - time.time()
-        link.announced = valid.ends - valid.announce_at
+        now = time.monotonic()
+        ends, announced = now + valid.ends - time.time(), valid.ends - valid.announce_at
+        link = Link(name, newcomer.peer, outer, self._router, now, ends, announced)
         self._links.add(link)
-        if link.asks:
-            link.outward += self._files.renewed(outer, link.since - link.ends)
-            self._end(link)
-            self._guarded(link, self._flush)
+        if newcomer.asks:
+            link.outward += self._admission.renewal(outer, now - ends)
+            link.end()
+            self._do(link, link.flush)
             return
         for other in self._links:
             if (other.name, other.peer) == (name, link.peer):
-                other.ends = max(other.ends, link.ends)
-                other.announced = min(other.announced, link.announced)
-        self._guarded(link, self._pass_inward)
+                other.ends = max(other.ends, ends)
+                other.announced = min(other.announced, announced)
+        self._do(link, link.pass_inward)
 
     def _crowd(self, name: str) -> str:
         count = sum(link.name == name for link in self._links)
         return f"{name} has {count} links already" if count >= LINKS_OF_A_NAME else ""
 
-    def _turn_away(self, link: Link, why: str) -> None:
+    def _turn_away(self, newcomer: Newcomer, why: str) -> None:
         """Close a connection that was not admitted, and count it."""
-        kind: tuple[str, str] = link.peer, why
+        kind: tuple[str, str] = newcomer.peer, why
         if kind not in self._turned_away and len(self._turned_away) >= KINDS:
             kind = "others", "several reasons"
         self._turned_away[kind] += 1
-        self._drop(link)
+        self._dismiss(newcomer)
+
+    def _dismiss(self, newcomer: Newcomer) -> None:
+        self._lobby.leave(newcomer)
+        self._watch(newcomer.outer, 0, newcomer)
+        newcomer.outer.close()
 
     # Links ---------------------------------------------------------------------------------------
 
-    def _on_event(self, link: Link, fd: int, mask: int) -> None:
-        outer = fd == link.outer.fileno()
+    def _on_link(self, link: Link, fd: int, mask: int) -> None:
         if mask & selectors.EVENT_READ:
-            self._guarded(link, self._pass_inward if outer else self._pass_outward)
-        if mask & selectors.EVENT_WRITE and link in self._links:
-            self._guarded(link, self._flush)
+            outer = fd == link.outer.fileno()
+            self._do(link, link.pass_inward if outer else link.pass_outward)
+        if mask & selectors.EVENT_WRITE:
+            self._do(link, link.flush)
 
-    def _guarded(self, link: Link, step: Callable[[Link], None]) -> None:
+    def _do(self, link: Link, step: Callable[[], None]) -> None:
         """Do a step of a link, and wait for what it needs next; a link that fails is dropped."""
-        if link not in self._links:
+        if link not in self._links:  # it was dropped in this turn
             return
         try:
-            step(link)
+            step()
         except OSError as error:
             logger.debug("the link of %s from %s: %s", link.name, link.peer, error)
             self._drop(link)
             return
-        if link.closing is not None and not (link.inward or link.outward):
+        events = link.events
+        if events is FLOWS and link.watched is FLOWS and not (link.has_more or self._again):
+            return
+        if link.is_over:
             self._drop(link)
             return
-        is_open = link.closing is None and link not in self._unserved
-        plain = is_open and link.inner is not None and not (link.inward or link.outward)
-        if plain and link.is_plain:
-            return
-        link.is_plain = plain
-        self._watch(link.outer, _interest(is_open, link.inward, link.outward), link)
-        if link.inner is not None:
-            self._watch(link.inner, _interest(is_open, link.outward, link.inward), link)
-
-    def _pass_inward(self, link: Link) -> None:
-        """Pass on what a client has sent."""
-        outer = link.outer
-        assert isinstance(outer, ssl.SSLSocket), "it was admitted"
-        if link in self._unserved and not self._serve(link):
-            return
-        for _ in range(TURNS):
-            if link.closing is not None or len(link.inward) >= LARGEST:
-                return
-            try:
-                data = outer.recv(CHUNK)
-            except (ssl.SSLWantReadError, ssl.SSLWantWriteError):
-                return
-            if not data:
-                self._end(link)
-                return
-            if link.inner is not None:
-                _send(link.inner, link.inward, data)
-            else:
-                link.inward += data
-                if not self._serve(link):
-                    return
-            if not outer.pending():  # else no event may come for the rest
-                return
-        self._again.add(link)
-
-    def _pass_outward(self, link: Link) -> None:
-        """Pass on what the router has sent."""
-        assert link.inner is not None, "an event came from it"
-        if link.closing is not None or len(link.outward) >= LARGEST:
-            return
-        with suppress(BlockingIOError):
-            data = link.inner.recv(CHUNK)
-            if data:
-                _send(link.outer, link.outward, data)
-            else:
-                self._end(link)
-
-    def _flush(self, link: Link) -> None:
-        """Send what waits."""
-        _send(link.outer, link.outward)
-        if link.inner is not None:
-            _send(link.inner, link.inward)
-
-    def _serve(self, link: Link) -> bool:
-        """Connect a link to the router, and pass on what waits; return whether there is one."""
-        inner = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        inner.setblocking(False)
-        try:
-            inner.connect(str(self._router))
-        except OSError:
-            inner.close()
-            self._unserved.add(link)
-            return False
-        self._unserved.discard(link)
-        link.inner = inner
-        _send(inner, link.inward)
-        return True
-
-    def _end(self, link: Link) -> None:
-        """Let a link only send what waits."""
-        if link.closing is None:
-            link.closing = time.monotonic()
+        (self._again.add if link.has_more else self._again.discard)(link)
+        (self._unserved.add if link.is_unserved else self._unserved.discard)(link)
+        if events != link.watched:
+            link.watched = events
+            for end, of_end in zip(link.sockets, events, strict=False):  # the router's may be none
+                self._watch(end, of_end, link)
 
     def _drop(self, link: Link) -> None:
-        self._lobby.leave(link)
-        self._links.discard(link)
-        self._again.discard(link)
-        self._unserved.discard(link)
-        for end in link.ends_of_it:
+        for links in (self._links, self._again, self._unserved):
+            links.discard(link)
+        for end in link.sockets:
             self._watch(end, 0, link)
             end.close()
 
-    def _watch(self, end: socket.socket, events: int, link: Link) -> None:
-        """Wait for events of one end of a link, and for no others of it."""
+    def _watch(self, end: socket.socket, events: int, of: Newcomer | Link) -> None:
+        """Wait for events of one end of a connection, and for no others of it."""
         key = self._selector.get_map().get(end) if end.fileno() >= 0 else None
         if key is None:
             if events:
-                self._selector.register(end.fileno(), events, link)
+                self._selector.register(end.fileno(), events, of)
         elif not events:
             self._selector.unregister(key.fd)
-        elif key.events != events:
-            self._selector.modify(key.fd, events, link)
+        elif (key.events, key.data) != (events, of):
+            self._selector.modify(key.fd, events, of)
 
     # Looking after them ---------------------------------------------------------------------------
 
     def _look(self, now: float) -> None:
         """Read changed files, and end the links that are no longer allowed."""
-        changed = self._files.look()
+        changed = self._admission.look()
         for link in tuple(self._links):
             if link.closing is not None:
                 if now - link.closing >= FLUSH_S:
                     self._drop(link)
-            elif changed and (why := self._files.refusal(link.name)):
+            elif changed and (why := self._admission.refusal(link.name)):
                 logger.warning("the link of %s from %s is closed: %s", link.name, link.peer, why)
                 self._drop(link)
             elif now >= link.ends:
@@ -465,9 +347,7 @@ class Porter:
                     link.peer,
                     link.name.rpartition("/")[2],
                 )
-                self._guarded(link, self._pass_inward)  # a stop may be among it
-                self._end(link)
-                self._guarded(link, self._flush)
+                self._do(link, link.expire)
             elif link.inner is None and now - link.since >= SILENT_S:
                 self._drop(link)
         self._list(now)
@@ -481,163 +361,16 @@ class Porter:
 
     def _list(self, now: float) -> None:
         """Write when the links end, if that has changed, for the diagnosis (`LINKS`)."""
-        ends = {(link.name, link.ends, link.announced) for link in self._links}
+        ends = sorted((link.name, link.ends, link.announced) for link in self._links)
         if ends == self._listed:
             return
         self._listed = ends
         wall = time.time() - now
-        rows = [(name, at + wall, at + wall - before) for name, at, before in sorted(ends)]
+        rows = [(name, at + wall, at + wall - before) for name, at, before in ends]
         new = self._links_file.with_suffix(f"{LINKS}-new")
         with suppress(OSError):  # a full disk
             new.write_text(json.dumps(rows), encoding="utf-8")
             new.replace(self._links_file)
-
-
-class Files:
-    """The keys that the porter uses, as its files have them now.
-
-    Attributes:
-        context: What a handshake is made with.
-        lenient: The same for a client that asks for a new certificate: also with an expired one.
-    """
-
-    def __init__(self, namespace: str, store: Store) -> None:
-        """Read them. Raises ConfigError."""
-        self._namespace, self._store = namespace, store
-        self._own = store.checked(namespace, ROBOT)
-        self._seen: object = None
-        self._names: frozenset[str] = frozenset()
-        self._revoked: frozenset[str] = frozenset()
-        self._read()
-
-    def look(self) -> bool:
-        """Read changed files; return whether there were any. Files that fail change nothing."""
-        if self._stamp() == self._seen:
-            return False
-        try:
-            self._read()
-        except ConfigError as error:
-            logger.error("the keys of before stay in use: %s", error)
-            return False
-        return True
-
-    def refusal(self, name: str) -> str:
-        """Why an identity is not admitted; "" if it is."""
-        if name in self._names:
-            return ""
-        if name in self._revoked:
-            return f"{name} is revoked"
-        if not name:
-            return "its certificate has no common name"
-        return f"{name} is no member of {self._namespace}"
-
-    def _stamp(self) -> list[object]:
-        store, own = self._store, self._own
-        files = (store.authority, store.folder / MEMBERS, own.certificate, own.private)
-        return [stamp(file) for file in files]
-
-    def _read(self) -> None:
-        self._seen = self._stamp()
-        members = self._store.members().values()
-        self.context, self.lenient = self._context(), self._context()
-        self.lenient.verify_flags |= NO_CHECK_TIME
-        self.lenient.set_alpn_protocols([RENEWAL])
-        self._revoked = frozenset(each.name for each in members if each.revoked)
-        self._names = frozenset(
-            each.name for each in members if admits(each, self._namespace) and not each.revoked
-        )
-
-    def _context(self) -> ssl.SSLContext:
-        context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
-        context.minimum_version = ssl.TLSVersion.TLSv1_3
-        context.verify_mode = ssl.CERT_REQUIRED
-        context.num_tickets = 0  # a resumed session would not show its certificate
-        path = self._store.authority
-        try:
-            context.load_verify_locations(path)
-            path = self._own.certificate
-            context.load_cert_chain(path, self._own.private)
-        except OSError as error:
-            why = getattr(error, "reason", None) or error.strerror
-            raise ConfigError(f"cannot be used for TLS: {why}", path) from None
-        return context
-
-    def renewed(self, outer: ssl.SSLSocket, expired: float) -> bytes:
-        """Return a new certificate for the key of a client's, PEM, or why there is none.
-
-        `expired` is how long ago the client's one has expired, s; below 0, if it has not.
-        """
-        der = outer.getpeercert(binary_form=True)
-        if outer.selected_alpn_protocol() != RENEWAL or der is None:
-            return b""
-        if expired > EXPIRED_S:
-            return b"it expired more than 30 days ago: `armadico keys host` makes new keys"
-        if not self._store.issues:
-            return (
-                b"the authority's key is not on the robot's computer: run `armadico keys host` on"
-                b" the one that has it"
-            )
-        from armadico.keys.authority import KeyFileError
-        from armadico.keys.issuing import Issuer
-
-        present = ssl.DER_cert_to_PEM_cert(der).encode()
-        try:
-            return Issuer.of(self._store).again(present, datetime.now(UTC))
-        except (ConfigError, KeyFileError) as error:
-            return str(error).encode()
-
-
-def failure(error: OSError) -> str:
-    """Return why a handshake failed, for people."""
-    if isinstance(error, ssl.SSLCertVerificationError):
-        return CERTIFICATES.get(error.verify_code, error.verify_message)
-    if isinstance(error, ssl.SSLError):
-        reason = str(error.reason)
-        return REASONS.get(reason, reason.lower().replace("_", " "))
-    return "ended its connection within the handshake"
-
-
-CERTIFICATES: Final = {
-    9: "its certificate is not valid yet: one of the two clocks is wrong",
-    10: "its certificate has expired, or one of the two clocks is wrong",
-    18: "its certificate was not issued by this lab's authority",
-    19: "its certificate was not issued by this lab's authority",
-    20: "its certificate was not issued by this lab's authority",
-    21: "its certificate was not issued by this lab's authority",
-    7: "its certificate was not issued by this lab's authority",
-}
-"""By OpenSSL's codes (x509_vfy.h)."""
-
-REASONS: Final = {
-    "PEER_DID_NOT_RETURN_A_CERTIFICATE": "has no certificate",
-    "WRONG_VERSION_NUMBER": "does not use TLS",
-    "HTTP_REQUEST": "does not use TLS",
-    "UNEXPECTED_EOF_WHILE_READING": "ended its connection within the handshake",
-    "TLSV1_ALERT_UNKNOWN_CA": "does not know this lab's authority",
-    "SSLV3_ALERT_CERTIFICATE_EXPIRED": "takes the robot's certificate for expired",
-    "SSLV3_ALERT_BAD_CERTIFICATE": "does not accept the robot's certificate",
-    "SSLV3_ALERT_CERTIFICATE_UNKNOWN": "does not accept the robot's certificate",
-}
-
-
-def _interest(is_open: bool, unsent: bytearray, waiting: bytearray) -> int:
-    """The events of one end: to read unless too much is `unsent`, to write what is `waiting`."""
-    reads = selectors.EVENT_READ if is_open and len(unsent) < LARGEST else 0
-    return reads | (selectors.EVENT_WRITE if waiting else 0)
-
-
-def _send(end: socket.socket, waiting: bytearray, data: bytes = b"") -> None:
-    """Send what is waiting, and then `data`; what does not fit waits."""
-    if waiting:
-        waiting += data
-        data = bytes(waiting)
-        waiting.clear()
-    sent = 0
-    if data:
-        with suppress(BlockingIOError, ssl.SSLWantReadError, ssl.SSLWantWriteError):
-            sent = end.send(data)
-    if sent < len(data):
-        waiting += data[sent:]
 
 
 def _begin_of(end: socket.socket, size: int = 6) -> bytes:
@@ -646,46 +379,3 @@ def _begin_of(end: socket.socket, size: int = 6) -> bytes:
         return end.recv(size, socket.MSG_PEEK)
     except OSError:
         return b""
-
-
-def main(folder: str, namespace: str, router: str, named: str, *listening: str) -> int:
-    """Serve on listening sockets, by their descriptors, until standard input is closed.
-
-    `named` are the hosts of the table, with blanks between.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the robot agent decides
-    logging.basicConfig(
-        level=logging.INFO,
-        stream=sys.stderr,
-        format="%(asctime)s.%(msecs)03d porter %(levelname)s %(message)s",
-        datefmt="%H:%M:%S",
-    )
-    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-    with suppress(OSError, ValueError):
-        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
-    ends = [socket.socket(fileno=int(each)) for each in listening]
-    store = Store(Path(folder))
-    if store.issues:  # importing it later would hold up the links
-        importlib.import_module("armadico.keys.issuing")
-    try:
-        porter = Porter(ends, namespace, store, Path(router))
-    except ConfigError as error:
-        logger.error("%s", error)
-        return 2
-    threading.Thread(target=porter.prefer, args=(named.split(),), daemon=True).start()
-    gc.collect()
-    gc.freeze()
-    beat = sys.stdout.fileno()
-    os.set_blocking(beat, False)
-
-    def alive() -> None:
-        with suppress(BlockingIOError):  # the robot agent is paused
-            os.write(beat, b".")
-
-    porter.run(sys.stdin.fileno(), alive)
-    porter.close()
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(*sys.argv[1:]))

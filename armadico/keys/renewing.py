@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Final
 
 from armadico.core.config_errors import ConfigError
-from armadico.keys.asking import WITHIN_S, Validity, renewed, shown, validity
+from armadico.keys.asking import WITHIN_S, renewed
+from armadico.keys.expiry import Validity, announcement, shown, validity
 from armadico.keys.store import Store, stamp
 from armadico.mesh import handshake
 from armadico.mesh.zenoh import ZenohMesh
@@ -130,14 +131,4 @@ class Renewing:
         mono = time.monotonic()
         if mono - self._announced_at >= min(REPEAT_S, valid.life / 6):
             self._announced_at = mono
-            logger.warning("%s", expiry(self._door.name, valid.ends - now, self.fault))
-
-
-def expiry(name: str, left: float, fault: str) -> str:
-    """Return the announcement of an expiry in `left` seconds, for people."""
-    when = f"expires in {left / 60:.0f} min" if left >= 120 else f"expires in {left:.0f} s"
-    when = "has expired" if left <= 0 else when
-    return (
-        f"the certificate of {name} {when}, and then the robot closes its link:"
-        f" {fault or 'it is being renewed'}"
-    )
+            logger.warning("%s", announcement(self._door.name, valid.ends - now, self.fault))

@@ -16,8 +16,8 @@ from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 from cryptography.x509 import Certificate, load_der_x509_certificate, load_pem_x509_certificate
-from cryptography.x509.oid import NameOID
 
+from armadico.keys.authority import common_name
 from armadico.keys.store import Identity
 
 LENGTH: Final = 64
@@ -58,7 +58,7 @@ class Verifier:
         """Return whether an identity, without its namespace, has signed data (`sign`)."""
         der, signature = signed[:-LENGTH], signed[-LENGTH:]
         author = self._authors.get(der) or self._author(der)
-        if author is None or _name(author) != f"{self._namespace}/{name}":
+        if author is None or common_name(author) != f"{self._namespace}/{name}":
             return False
         if not author.not_valid_before_utc <= self._now() <= author.not_valid_after_utc:
             return False
@@ -88,8 +88,3 @@ class Verifier:
             self._authors.clear()
         self._authors[der] = found
         return found
-
-
-def _name(certificate: Certificate) -> str:
-    names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
-    return str(names[0].value) if len(names) == 1 else ""

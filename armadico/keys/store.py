@@ -19,6 +19,7 @@ from __future__ import annotations
 import json
 import os
 import stat
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -175,8 +176,8 @@ class Store:
         """Raise ConfigError if there are no keys, or other users can read the folder."""
         if not self.authority.is_file():
             raise ConfigError(
-                f"no keys in {self.folder}: `armadico keys init` makes them on one computer, and"
-                " `armadico keys host` there an archive for each other one"
+                f"no keys in {self.folder}: run `armadico keys init` on one computer, and then"
+                " `armadico keys host` there for each other computer"
             )
         check_private(self.folder)
 
@@ -302,7 +303,7 @@ def _how(name: str) -> str:
 
 def write_private(path: Path, data: bytes) -> None:
     """Replace a file, which only its user can read from the first byte on."""
-    new = path.with_name(f".{path.name}.{os.getpid()}")
+    new = path.with_name(f".{path.name}.{threading.get_native_id()}")  # of this writer alone
     new.unlink(missing_ok=True)
     descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     with open(descriptor, "wb") as file:  # noqa: PTH123 - a path has no mode

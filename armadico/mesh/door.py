@@ -1,15 +1,18 @@
 """The identity by which a process joins a society whose host table has `keys`.
 
-The core knows no more of keys than this. A package that makes them provides `door`, by an entry
-point of the group `armadico.doors`.
+The core knows no more of keys than this. A package that makes them derives from `Door`, and
+provides a function that opens one by an entry point of the group `armadico.doors`.
 """
+
+# ruff: noqa: ARG002 - a package of keys uses the arguments
 
 from __future__ import annotations
 
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from copy import copy
+from typing import Any, Final
 
 DOORS: Final = "armadico.doors"
 """The group of the function that opens a door: `armadico.config.endpoints.Endpoints.door`."""
@@ -38,8 +41,8 @@ ROUTERS: Final = (
 """The settings of a router alone."""
 
 
-class Door(NamedTuple):
-    """The identity of one process.
+class Door:
+    """The identity of one process, which only logs in: a package of keys derives a class of it.
 
     Attributes:
         name: `<namespace>/<name>`: the common name of its certificate, and its user name on the
@@ -48,42 +51,68 @@ class Door(NamedTuple):
             the access control. A function is called for each session, and returns the setting:
             keys may be made anew while their process runs.
         folder: The folder of keys.
-        faults: What is wrong with its keys now, a sentence each, for a link on the robot's
-            computer (True) or from another one. It reads the files.
-        sign: Returns a signature of data by this identity, of some hundred bytes.
-        verify: Whether an identity, without its namespace, has signed data.
-        keep: Called with the open mesh; returns what is called before it closes.
-        forbidden: Why the robot's router drops a kind of Zenoh message on a key of the namespace;
-            "" if it does not.
-        doubts: How the rights of processes, each the names of its agents, differ from what the
-            agents' classes declare, a sentence each.
-        may_be_critical: Whether an instance's bids for a resource may be critical
-            (`armadico.core.individual.Identity`).
-        ending: Returns the certificates that soon end a link, and in how many seconds: on the
-            robot's computer those of all links from other ones, elsewhere those of the computer.
-            It reads files.
+        is_foreign: Whether it joins another robot's society.
     """
 
-    name: str
-    settings: Mapping[str, Any]
-    folder: str = ""
-    faults: Callable[[bool], Sequence[str]] = lambda _: ()
-    sign: Callable[[bytes], bytes] = lambda _: b""
-    verify: Callable[[str, bytes, bytes], bool] = lambda *_: False
-    keep: Callable[[Any], Callable[[], None]] | None = None
-    may_be_critical: Callable[[str, str], bool] | None = None
-    ending: Callable[[], Mapping[str, float]] = dict
-    doubts: Callable[[Sequence[Sequence[str]]], Sequence[str]] = lambda _: ()
-    forbidden: Callable[[str, str], str] = lambda *_: ""
+    def __init__(self, name: str, settings: Mapping[str, Any], folder: str = "") -> None:
+        self.name, self.settings, self.folder = name, settings, folder
+        self.is_foreign = False
 
     def current(self) -> dict[str, object]:
         """Return Zenoh's settings for a session that is opened now. Raises OSError."""
         return {k: v() if callable(v) else v for k, v in self.settings.items()}
 
-    def as_client(self) -> Door:
-        """Return the same identity without what only a router has."""
-        own = {k: v for k, v in self.settings.items() if k not in ROUTERS}
-        return self._replace(settings=own, keep=None, forbidden=lambda *_: "")
+    def abroad(self) -> Door:
+        """Return the same identity as a client of another robot's router."""
+        found = copy(self)
+        found.settings = {k: v for k, v in self.settings.items() if k not in ROUTERS}
+        found.is_foreign = True
+        return found
+
+    def keep(self, mesh: Any) -> Callable[[], None]:
+        """Keep its keys fresh while a mesh is open; return what is called before it closes."""
+        return lambda: None
+
+    def faults(self, here: bool) -> Sequence[str]:
+        """Return what is wrong with its keys now, a sentence each; it reads the files.
+
+        `here`: for a link on the robot's computer, else for one from another computer.
+        """
+        return ()
+
+    def ending(self) -> Mapping[str, float]:
+        """Return the certificates that soon end a link, and in how many seconds; reads files.
+
+        On the robot's computer those of all links from other ones, elsewhere the computer's own.
+        """
+        return {}
+
+    def sign(self, data: bytes) -> bytes:
+        """Return a signature of data by this identity, of some hundred bytes."""
+        return b""
+
+    def verify(self, name: str, data: bytes, signed: bytes) -> bool:
+        """Return whether an identity, without its namespace, has signed data."""
+        return False
+
+    def may_be_critical(self, instance: str, resource: str) -> bool:
+        """Return whether an instance's bids may be critical (`armadico.core.individual`)."""
+        return True
+
+    def may_own(self, instance: str, resource: str) -> bool:
+        """Return whether an instance may own a resource."""
+        return True
+
+    def forbidden(self, does: str, key: str) -> str:
+        """Return why the robot's router drops a kind of Zenoh message on a key; "" if not."""
+        return ""
+
+    def doubts(self, labels: Sequence[Sequence[str]]) -> Sequence[str]:
+        """Return how the rights of processes differ from what their classes declare.
+
+        A sentence each; a process is given by the names of its agents.
+        """
+        return ()
 
 
 def name_of(agents: Sequence[str]) -> str:

@@ -35,7 +35,7 @@ os.environ.setdefault(
 
 import zenoh
 
-from armadico.core.messages import Message, encode
+from armadico.core.messages import LARGEST_PAYLOAD, Message, encode
 from armadico.core.services import TOKEN
 from armadico.core.shared import shared
 from armadico.mesh import sockets
@@ -85,6 +85,31 @@ SETTINGS: Final[dict[str, object]] = {
     "timestamping/enabled": False,
     "open/return_conditions/connect_scouted": False,
     "open/return_conditions/declares": False,
+}
+
+# A router's settings besides. A client chooses itself how large its messages are and whether they
+# wait for a receiver that is slow. One of 50 MB that waits (BLOCK) would stop all forwarding for
+# more than 10 s, and so would many small ones. Ours are small and never wait.
+_KINDS: Final = ["put", "delete", "query"]
+ROUTING: Final[dict[str, object]] = {
+    "transport/link/rx/max_message_size": 4 * LARGEST_PAYLOAD,  # of one in fragments
+    "low_pass_filter": [
+        {
+            "id": "small",
+            "messages": [*_KINDS, "reply"],
+            "flows": ["ingress"],
+            "key_exprs": ["**"],
+            "size_limit": LARGEST_PAYLOAD + len(PASSED_ON),
+        }
+    ],
+    "qos/network": [
+        {
+            "messages": _KINDS,
+            "flows": ["ingress"],
+            "key_exprs": ["**"],
+            "overwrite": {"congestion_control": "drop", "priority": "data", "express": False},
+        }
+    ],
 }
 
 Declare = Callable[[zenoh.Session], None]  # makes a declaration in a session
@@ -292,7 +317,7 @@ class ZenohMesh(Reader, Monotonic):
 
     def _keep_door(self) -> None:
         door = self._where.door
-        if door is not None and door.keep is not None:
+        if door is not None and not door.is_foreign:
             self._stop_keeping = door.keep(self)
 
     def reopen(self, where: Topology) -> None:
@@ -614,7 +639,7 @@ class ZenohMesh(Reader, Monotonic):
     def _note_forbidden(self, does: str, key: str) -> None:
         """Log once that the router drops a kind of message: nothing else tells its sender."""
         door = self._where.door
-        if door is None or self._where.router or (does, key) in self._noted:
+        if door is None or door.is_foreign or self._where.router or (does, key) in self._noted:
             return
         if len(self._noted) < NOTED:
             self._noted.add((does, key))
@@ -752,6 +777,7 @@ class ZenohMesh(Reader, Monotonic):
             "connect/endpoints": list(connect),
         }
         door = where.door
+        own |= ROUTING if where.router else {}
         for key, value in (SETTINGS | own | (door.current() if door else {})).items():
             config.insert_json5(key, json.dumps(value))
         return config
@@ -774,7 +800,7 @@ class PeerLinks:
             door: The robot's identity as their client.
         """
         self._mesh = mesh
-        self._door = None if door is None else door.as_client()
+        self._door = None if door is None else door.abroad()
         self._elsewhere = tuple(elsewhere)
         self._links: dict[str, ZenohMesh] = {}
         self._over = threading.Event()

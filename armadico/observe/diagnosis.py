@@ -279,13 +279,13 @@ def _answers(case: _Case, instance: str) -> Iterator[Finding]:
 
 
 def _versions(case: _Case) -> Iterator[Finding]:
-    usual = Counter(card.version for card in case.cards).most_common(1)
+    usual = Counter(card.version for card in case.cards if card.version).most_common(1)
     for card in case.cards:
         todo = f"install the same armadico on {card.host} as on the other hosts"
         if card.speaks != PROTOCOL:
             what = f"{card.name} on {card.host} uses protocol {card.speaks}, this machine"
             yield Finding(Sort.VERSION, card.name, f"{what} {PROTOCOL}.", todo)
-        elif card.version != usual[0][0]:
+        elif card.version and card.version != usual[0][0]:
             what = f"{card.name} on {card.host} has version {card.version}, others {usual[0][0]}."
             yield Finding(Sort.VERSION, card.name, what, todo)
 

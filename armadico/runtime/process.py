@@ -500,11 +500,12 @@ def identity(
     table: str = "",
     protocol: int = PROTOCOL,
     may_be_critical: Callable[[str, str], bool] | None = None,
+    may_own: Callable[[str, str], bool] | None = None,
 ) -> Identity:
     """Return a new instance's identity; its id is the name and 64 random bits.
 
     `table` is the digest of the host table that the process was launched with, and
-    `may_be_critical` as in `Identity`.
+    `may_be_critical` and `may_own` as in `Identity`.
     """
     rng = random.SystemRandom()
     return Identity(
@@ -516,6 +517,7 @@ def identity(
         table=table,
         protocol=protocol,
         may_be_critical=may_be_critical,
+        may_own=may_own,
     )
 
 

@@ -1,6 +1,7 @@
 """What the gateway does on the mesh: it reads what it translates, and requests goals.
 
-It imports no ROS 2, because keys are also made on computers without it.
+`gateway/society.py` subscribes to this list. This module imports no ROS 2, because keys are also
+made on computers without it.
 """
 
 from __future__ import annotations

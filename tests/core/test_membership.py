@@ -471,3 +471,49 @@ def test_agents_whose_ranges_of_protocols_overlap_understand_each_other(
     stages = {admission.check(0.1 * tick) for tick in range(1, 40)}
     assert (Stage.REFUSED not in stages) == understood
     assert (f"uses protocol {newest or oldest}" in admission.refusal) != understood
+
+
+@pytest.mark.parametrize("protocol", [PROTOCOL, PROTOCOL + 9])
+@pytest.mark.parametrize("keys", [True, False])
+def test_with_keys_a_card_that_claims_a_resource_keeps_its_owner_out_no_more(
+    protocol: int, keys: bool
+) -> None:
+    """A member's card may lie, and an owner that was killed has to come back."""
+    may_own = (lambda instance, _: instance.startswith("robot-")) if keys else None
+    admission = Admission("robot", "robot-1", 0.0, owns=["wheels"], may_own=may_own)
+    admission.appeared("liar", "liar-1", 0.0)
+    admission.queries(0.0)
+    lie = card("liar-1", owns=("wheels",), tenure=2**32, protocol=protocol)
+    admission.on_card("liar-1", lie, 0.1)
+    settle(admission, 0.1)
+    assert admission.stage is (Stage.JOINED if keys else Stage.REFUSED)
+
+
+def test_with_keys_the_rightful_owner_keeps_another_one_out() -> None:
+    admission = Admission("lift2", "lift2-1", 0.0, owns=["lift"], may_own=lambda *_: True)
+    admission.appeared("lift", "lift-1", 0.0)
+    admission.queries(0.0)
+    admission.on_card("lift-1", card("lift-1", owns=("lift",), tenure=9), 0.1)
+    settle(admission, 0.1)
+    assert admission.stage is Stage.REFUSED
+
+
+def test_tokens_without_agents_cost_ever_fewer_queries() -> None:
+    """A member can show many tokens of its own, and each process queries each one's card."""
+    admission = Admission("goto", "goto-1", 0.0)
+    now = settle(admission, 0.0)
+    forged = [f"sonar-{number:016x}" for number in range(31)]
+    for instance in forged:
+        admission.appeared("sonar", instance, now)
+    counts = []
+    for _ in range(2):
+        queried, end = 0, now + 300.0
+        while now < end:
+            for _, instance in admission.queries(now):
+                queried += 1
+                admission.on_card(instance, None, now)
+            assert admission.check(now) is Stage.JOINED
+            now = min(admission.wakeup or end, end)
+        counts.append(queried)
+    assert counts[0] <= 9 * len(forged)
+    assert counts[1] <= 5 * len(forged), "one in 80 s"

@@ -1,50 +1,16 @@
-"""A folder of keys, and what can be made with its authority."""
+"""A folder of keys, a porter that uses it, and a society that runs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from datetime import UTC, datetime, timedelta
+from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
-from armadico.keys.authority import Pair, create, issue
-from armadico.keys.issuing import Issuer
-from armadico.keys.store import Identity, Member, Store
-from armadico.mesh.door import ROBOT
-
-NAMESPACE = "robot1"
-NAMES = ("goto", "avoid")
-
-
-class Lab:
-    """An authority, and the identities of a robot's society on one computer."""
-
-    def __init__(self, folder: Path, hours: float = 24.0) -> None:
-        self.store = Store(folder)
-        self.pair = create("lab", datetime.now(UTC))
-        self.store.begin(self.pair.certificate, self.pair.private)
-        self.issuer = Issuer.of(self.store, hours)
-        self.give(ROBOT, kind=ROBOT)
-        for name in NAMES:
-            self.give(name)
-
-    def give(self, name: str, *, kind: str = "agent", namespace: str = NAMESPACE) -> Identity:
-        """Issue an identity."""
-        member = Member(f"{namespace}/{name}", kind, (name,))
-        self.issuer.give([member], self.store, datetime.now(UTC))
-        return self.store.of(member.name)
-
-    def revoke(self, name: str) -> None:
-        self.issuer.revoke([f"{NAMESPACE}/{name}"], datetime.now(UTC))
-
-    def pair_of(
-        self, name: str, *, begins_s: float = 0.0, lives_s: float = 3600.0, full: bool = False
-    ) -> Pair:
-        """A certificate of the lab's authority, with any times; the list does not change."""
-        at = datetime.now(UTC) + timedelta(seconds=begins_s)
-        whole = name if full else f"{NAMESPACE}/{name}"
-        return issue(self.pair, whole, at, hours=lives_s / 3600.0)
+from tests.keys.labs import Lab
+from tests.keys.porters import Door
+from tests.keys.society import Society
 
 
 @pytest.fixture
@@ -52,12 +18,13 @@ def lab(tmp_path: Path) -> Lab:
     return Lab(tmp_path / "keys")
 
 
-MakeLab = Callable[..., Lab]
+@pytest.fixture
+def society(tmp_path: Path) -> Iterator[Society]:
+    with ExitStack() as stack:
+        yield Society(tmp_path, stack)
 
 
 @pytest.fixture
-def make_lab(tmp_path: Path) -> MakeLab:
-    def make(name: str = "keys", hours: float = 24.0) -> Lab:
-        return Lab(tmp_path / name, hours)
-
-    return make
+def door(lab: Lab, tmp_path: Path) -> Iterator[Door]:
+    with ExitStack() as stack:
+        yield Door(lab, tmp_path, stack)

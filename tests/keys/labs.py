@@ -1,16 +1,28 @@
-"""A lab of two hosts with keys, for tests."""
+"""Labs with keys: of one computer, and of a table with two hosts."""
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import (
+    Encoding,
+    NoEncryption,
+    PrivateFormat,
+    load_pem_private_key,
+)
+from cryptography.x509.oid import NameOID
+
 from armadico.config.hosts import HostTable, load_hosts
-from armadico.keys.authority import create
+from armadico.keys.authority import Pair, create, issue
 from armadico.keys.issuing import Issuer
 from armadico.keys.members import of_host, of_table
-from armadico.keys.store import Store
+from armadico.keys.store import Identity, Member, Store
+from armadico.mesh.door import ROBOT
 
+NAMESPACE = "robot1"
 NOW = datetime(2030, 1, 2, 3, 4, 5, tzinfo=UTC)
 
 TABLE = """\
@@ -47,3 +59,52 @@ def lab_in(folder: Path, now: datetime = NOW, port: int = 7447) -> tuple[HostTab
     addresses = table.host("lab1").addresses
     issuer.give(of_host(table, "lab1", "robot1", ["anna"]), issuer.store, now, addresses=addresses)
     return table, issuer
+
+
+NAMES = ("goto", "avoid")
+
+
+class Lab:
+    """An authority, and the identities of a robot's society on one computer."""
+
+    def __init__(self, folder: Path) -> None:
+        self.store = authority_in(folder, datetime.now(UTC))
+        self.issuer = Issuer.of(self.store)
+        self.pair = self.issuer.pair
+        self.give(ROBOT, kind=ROBOT)
+        for name in NAMES:
+            self.give(name)
+
+    def give(self, name: str, *, kind: str = "agent") -> Identity:
+        """Issue an identity."""
+        member = Member(f"{NAMESPACE}/{name}", kind, (name,))
+        self.issuer.give([member], self.store, datetime.now(UTC))
+        return self.store.of(member.name)
+
+    def revoke(self, name: str) -> None:
+        self.issuer.revoke([f"{NAMESPACE}/{name}"], datetime.now(UTC))
+
+    def pair_of(
+        self, name: str, *, begins_s: float = 0.0, lives_s: float = 3600.0, full: bool = False
+    ) -> Pair:
+        """A certificate of the lab's authority, with any times; the list does not change."""
+        at = datetime.now(UTC) + timedelta(seconds=begins_s)
+        whole = name if full else f"{NAMESPACE}/{name}"
+        return issue(self.pair, whole, at, hours=lives_s / 3600.0)
+
+
+def named(authority: Pair, *names: str) -> Pair:
+    """A certificate for an hour from now with any number of common names."""
+    key, now = Ed25519PrivateKey.generate(), datetime.now(UTC)
+    signer = load_pem_private_key(authority.private, None)
+    assert isinstance(signer, Ed25519PrivateKey)
+    issuer = x509.load_pem_x509_certificate(authority.certificate).subject
+    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name) for name in names])
+    certificate = (
+        x509.CertificateBuilder(issuer, subject, key.public_key(), x509.random_serial_number())
+        .not_valid_before(now - timedelta(hours=1))
+        .not_valid_after(now + timedelta(hours=1))
+        .sign(signer, None)
+    )
+    private = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+    return Pair(certificate.public_bytes(Encoding.PEM), private)

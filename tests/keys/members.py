@@ -11,6 +11,7 @@ from armadico.keys.store import Member
 from armadico.mesh.door import MCP, PAGE, ROBOT, ROS2, SIMULATOR, VIEWER, launcher, person
 
 ANNA = person("anna")
+ANNA_B = person("anna-b")  # whose instances an expression of Anna's covers, too
 LAB = launcher("lab1")
 
 
@@ -20,7 +21,7 @@ def members(namespace: str = "robot1") -> list[Member]:
     found = [Member(f"{namespace}/{name}", "agent", (name,)) for name in agents]
     found.append(Member(f"{namespace}/{ROBOT}", ROBOT, (ROBOT,)))
     found += [Member(f"{namespace}/{n}", n) for n in (PAGE, MCP, ROS2, VIEWER, SIMULATOR)]
-    found.append(Member(f"{namespace}/{ANNA}", "person"))
+    found += [Member(f"{namespace}/{name}", "person") for name in (ANNA, ANNA_B)]
     found.append(Member(f"{namespace}/{LAB}", "launcher"))
     return found
 

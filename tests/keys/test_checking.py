@@ -82,7 +82,7 @@ def _another_name(issuer: Issuer, goto: Identity) -> None:
     [
         (_swap, "private.key is not the key of its certificate"),
         (_foreign, "certificate.pem is not of the authority in"),
-        (_another_name, "certificate.pem is robot2/goto, not robot1/goto"),
+        (_another_name, "certificate.pem is of robot2/goto, not of robot1/goto"),
         (lambda _, goto: goto.certificate.write_text("x"), "certificate.pem is not a certificate"),
         (lambda _, goto: goto.private.write_text("x"), "private.key is not a private key in PEM"),
         (lambda _, goto: goto.private.unlink(), "private.key: cannot be read"),

@@ -104,7 +104,6 @@ def test_a_process_is_told_what_the_router_will_drop(store: Store) -> None:
     assert door.forbidden("put", "robot/cmd/goto-1f") == ""
     told = door.forbidden("put", "robot/cmd/encoder-1f")
     assert "robot1/avoid+goto has no right to put robot/cmd/encoder-1f" in told
-    assert door.may_be_critical is not None
     assert door.may_be_critical("avoid-1f", "wheels")
     assert not door.may_be_critical("goto-1f", "wheels")
     file_of(store, NAMESPACE).unlink()

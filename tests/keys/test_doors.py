@@ -1,103 +1,27 @@
-"""A closed society on real Zenoh: its router, the porter beside it, and its clients."""
+"""A closed society as it runs: its router, the porter beside it, and its clients."""
 
 from __future__ import annotations
 
 import json
-import logging
 import os
-import shutil
 import signal
-import subprocess
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from functools import partial
-from pathlib import Path
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 
 import pytest
 
-from armadico.config.endpoints import Endpoints, endpoints
-from armadico.core.messages import Log
-from armadico.keys import authority
-from armadico.keys.asking import LINKS, validity
+from armadico.keys.expiry import LINKS, validity
 from armadico.keys.listening import Listening
 from armadico.keys.renewing import Renewing
-from armadico.keys.store import write_private
-from armadico.mesh.ports import LOOPBACK, free_port
 from armadico.mesh.sockets import socket_of
 from armadico.mesh.topology import MeshError, topology
 from armadico.mesh.zenoh import ZenohMesh
-
-from .conftest import NAMESPACE, Lab
+from tests.keys.labs import NAMESPACE
+from tests.keys.society import Heard, Society, soon
 
 pytestmark = [pytest.mark.live, pytest.mark.long]
-
-SOON = 20.0  # s; a deadline, not an expectation
-LINE = Log(20, "here I am")
-
-
-class Society:
-    """A host table with keys, and what runs on it."""
-
-    def __init__(self, lab: Lab, folder: Path, stack: ExitStack) -> None:
-        self.lab, self._stack = lab, stack
-        port = free_port()
-        self.endpoint = f"tls/{LOOPBACK}:{port}"
-        table = folder / "hosts.toml"
-        table.write_text(
-            f'keys = "{lab.store.folder}"\n[here]\nrouter = "tcp/{LOOPBACK}:{port}"\n'
-            'agents = ["robot", "goto", "avoid"]\n'
-        )
-        self.where: Endpoints = endpoints(NAMESPACE, hosts=table, host="here")
-
-    def open(self, mesh: ZenohMesh) -> ZenohMesh:
-        return self._stack.enter_context(mesh)
-
-    def router(self) -> ZenohMesh:
-        return self.open(self.where.mesh("robot", router=True))
-
-    def client(self, name: str = "goto", *, elsewhere: bool = False) -> ZenohMesh:
-        """A client by the socket, or as from another computer."""
-        if not elsewhere:
-            return self.open(self.where.mesh(name))
-        where = topology(connect=self.endpoint, door=self.where.door(name))
-        return self.open(ZenohMesh(NAMESPACE, where))
-
-
-@pytest.fixture
-def society(lab: Lab, tmp_path: Path) -> Iterator[Society]:
-    with ExitStack() as stack:
-        yield Society(lab, tmp_path, stack)
-
-
-class Heard:
-    """What a mesh receives."""
-
-    def __init__(self, mesh: ZenohMesh) -> None:
-        self._arrived = SimpleQueue[str]()
-        mesh.subscribe("log/*", lambda key, _: self._arrived.put(key))
-
-    def from_(self, mesh: ZenohMesh) -> bool:
-        """Whether anything arrives of what is published again and again."""
-        while not self._arrived.empty():
-            self._arrived.get()
-        assert mesh.where.door is not None
-        key = f"log/{mesh.where.door.name.rpartition('/')[2]}-1"
-        for _ in range(int(SOON / 0.05)):
-            mesh.publish(key, LINE)
-            try:
-                return bool(self._arrived.get(timeout=0.05))
-            except Empty:
-                continue
-        return False
-
-
-def soon(condition: Callable[[], object]) -> bool:
-    """Whether something holds within a time that is more than long enough."""
-    pause = threading.Event()
-    return any(condition() or pause.wait(0.05) for _ in range(int(SOON / 0.05)))
 
 
 def test_clients_join_by_socket_and_by_port_and_lose_no_link_when_the_porter_is_killed(
@@ -105,16 +29,16 @@ def test_clients_join_by_socket_and_by_port_and_lose_no_link_when_the_porter_is_
 ) -> None:
     router = society.router()
     heard = Heard(router)
-    here, there = society.client("goto"), society.client("avoid", elsewhere=True)
+    here, there = society.join("goto"), society.join("avoid", "lab2")
     assert heard.from_(here)
     assert heard.from_(there)
 
     keeper = router._stop_keeping.__self__  # type: ignore[union-attr]
     assert isinstance(keeper, Listening)
     porter = keeper._porter
-    assert isinstance(porter, subprocess.Popen)
-    porter.kill()
-    porter.wait()
+    assert porter is not None
+    porter.process.kill()
+    porter.process.wait()
 
     assert heard.from_(here)
     assert soon(lambda: keeper._porter is not porter)
@@ -127,11 +51,11 @@ def test_a_porter_that_hangs_is_replaced(
 ) -> None:
     router = society.router()
     heard = Heard(router)
-    client = society.client("avoid", elsewhere=True)
+    client = society.join("avoid", "lab2")
     assert heard.from_(client)
     porter = router._stop_keeping.__self__._porter  # type: ignore[union-attr]
 
-    porter.send_signal(signal.SIGSTOP)
+    porter.process.send_signal(signal.SIGSTOP)
 
     assert soon(lambda: "hangs; it is started again" in caplog.text)
     assert heard.from_(client)
@@ -142,7 +66,7 @@ def test_a_router_names_a_port_that_is_taken(society: Society) -> None:
     with pytest.raises(MeshError, match="is the router of the namespace"):
         society.router()
     other = topology(
-        router=True, robot=society.endpoint, door=society.where.door("robot", router=True)
+        router=True, robot=society.endpoint, door=society.where().door("robot", router=True)
     )
     with pytest.raises(MeshError, match=f"{society.endpoint}: another process uses that port"):
         society.open(ZenohMesh("other", other))
@@ -153,12 +77,12 @@ def test_a_revoked_identity_is_out_of_the_running_society_and_the_others_drive_o
 ) -> None:
     router = society.router()
     heard = Heard(router)
-    bad, good = society.client("goto", elsewhere=True), society.client("avoid", elsewhere=True)
-    bad_here, good_here = society.client("goto"), society.client("avoid")
+    bad, good = society.join("goto", "lab2"), society.join("avoid", "lab2")
+    bad_here, good_here = society.join("goto"), society.join("avoid")
     for mesh in (bad, good, bad_here, good_here):
         assert heard.from_(mesh)
 
-    society.lab.revoke("goto")
+    society.revoke("goto")
 
     assert soon(lambda: not bad.wait_joined(0.0) and not bad_here.wait_joined(0.0))
     assert heard.from_(good)
@@ -171,52 +95,27 @@ def test_a_revoked_identity_is_out_of_the_running_society_and_the_others_drive_o
 def test_a_new_identity_gets_in_without_a_restart(society: Society) -> None:
     router = society.router()
     heard = Heard(router)
-    assert heard.from_(society.client("goto"))
-    society.lab.give("gothrough")
-    assert heard.from_(society.client("gothrough"))
-    assert heard.from_(society.client("gothrough", elsewhere=True))
+    assert heard.from_(society.join("goto"))
+    society.give("gothrough")
+    assert heard.from_(society.join("gothrough"))
+    assert heard.from_(society.join("gothrough", "lab2"))
 
 
-def short(lab: Lab, name: str, lives_s: float, ago_s: float = 0.0) -> None:
-    """Give an identity a certificate that ends soon, issued some time ago."""
-    identity = lab.store.identity(NAMESPACE, name)
-    public = authority.public_of(identity.private.read_bytes())
-    now = datetime.now(UTC) - timedelta(seconds=ago_s)
-    pair = authority.issue(lab.pair, identity.name, now, hours=lives_s / 3600.0, public=public)
-    write_private(identity.certificate, pair.certificate)
-
-
-def test_a_certificate_is_renewed_under_way_and_the_link_stays(society: Society) -> None:
-    router = society.router()
-    heard = Heard(router)
-    short(society.lab, "goto", 6.0)
-    file = society.lab.store.identity(NAMESPACE, "goto").certificate
+@pytest.mark.parametrize(("lives_s", "ago_s"), [(6.0, 0.0), (8.0, 5.0)], ids=["later", "at once"])
+def test_a_certificate_is_renewed_under_way_and_the_link_stays(
+    society: Society, lives_s: float, ago_s: float
+) -> None:
+    """At once: while the link is made."""
+    heard = Heard(society.router())
+    society.date("goto", lives_s, ago_s)
+    file = society.identity().certificate
     first = validity(file.read_bytes())
-    links = SimpleQueue[bool]()
-    client = society.client("goto", elsewhere=True)
+    client, links = society.join("goto", "lab2"), SimpleQueue[bool]()
     assert heard.from_(client)
     client.watch_router(links.put)
     assert links.get()
 
     assert soon(lambda: validity(file.read_bytes()).ends > first.ends)
-    assert soon(lambda: datetime.now(UTC).timestamp() > first.ends + 1.0)
-
-    assert heard.from_(client)
-    assert links.empty()
-
-
-def test_a_certificate_that_is_renewed_while_the_link_is_made_keeps_the_link(
-    society: Society,
-) -> None:
-    heard = Heard(society.router())
-    short(society.lab, "goto", 8.0, ago_s=5.0)
-    file = society.lab.store.identity(NAMESPACE, "goto").certificate
-    first = validity(file.read_bytes())
-    client, links = society.client("goto", elsewhere=True), SimpleQueue[bool]()
-    assert heard.from_(client)
-    client.watch_router(links.put)
-    assert links.get()
-
     assert soon(lambda: datetime.now(UTC).timestamp() > first.ends + 1.0)
 
     assert heard.from_(client)
@@ -229,8 +128,8 @@ def test_renewals_and_kills_of_the_porter_leave_all_links_and_no_descriptor(
     router = society.router()
     heard = Heard(router)
     for name in ("goto", "avoid"):
-        short(society.lab, name, 6.0)
-    clients = [society.client(name, elsewhere=True) for name in ("goto", "avoid", "goto")]
+        society.date(name, 6.0)
+    clients = [society.join(name, "lab2") for name in ("goto", "avoid", "goto")]
     keeper = router._stop_keeping.__self__  # type: ignore[union-attr]
     counts: list[int] = []
     for _ in range(3):
@@ -239,7 +138,7 @@ def test_renewals_and_kills_of_the_porter_leave_all_links_and_no_descriptor(
         assert soon(lambda: len(keeper_links(router)) == len(clients))
         counts.append(len(os.listdir("/dev/fd")))  # noqa: PTH208 - names
         porter = keeper._porter
-        porter.kill()
+        porter.process.kill()
         assert soon(partial(_replaced, keeper, porter))
     assert counts[-1] <= max(counts[:2]), counts
 
@@ -262,9 +161,9 @@ def test_without_a_renewal_a_client_is_heard_until_its_certificate_ends(
 ) -> None:
     router = society.router()
     heard = Heard(router)
-    short(society.lab, "goto", 10.0)
-    society.lab.store.authority_key.unlink()
-    client = society.client("goto", elsewhere=True)
+    society.date("goto", 10.0)
+    society.issuer.store.authority_key.unlink()
+    client = society.join("goto", "lab2")
     assert heard.from_(client)
 
     assert soon(lambda: "not on the robot's computer" in caplog.text)
@@ -281,41 +180,26 @@ def test_a_process_whose_certificate_expired_while_its_computer_was_off_joins(
     society: Society,
 ) -> None:
     heard = Heard(society.router())
-    short(society.lab, "goto", 1.0)
-    file = society.lab.store.identity(NAMESPACE, "goto").certificate
+    society.date("goto", 1.0)
+    file = society.identity().certificate
     assert soon(lambda: validity(file.read_bytes()).ends < datetime.now(UTC).timestamp())
-    assert heard.from_(society.client("goto", elsewhere=True))
-
-
-class Wall:
-    """A clock to set."""
-
-    def __init__(self) -> None:
-        self.ahead = timedelta()
-
-    def __call__(self) -> float:
-        return (datetime.now(UTC) + self.ahead).timestamp()
+    assert heard.from_(society.join("goto", "lab2"))
 
 
 @pytest.mark.parametrize("days", [-365, 365])
 def test_a_clock_off_by_a_year_is_named_and_changes_no_certificate(
     society: Society, caplog: pytest.LogCaptureFixture, days: int
 ) -> None:
-    caplog.set_level(logging.INFO)
     society.router()
-    door = society.where.door("goto")
+    door = society.where("lab2").door("goto")
     assert door is not None
-    folder = society.lab.store.folder.with_name("elsewhere")
-    shutil.copytree(society.lab.store.folder, folder)
-    (folder / "authority.key").unlink()
-    where = topology(connect=society.endpoint, door=door._replace(folder=str(folder), keep=None))
+    where = topology(connect=society.endpoint, door=door.abroad())
     client = society.open(ZenohMesh(NAMESPACE, where))
-    wall = Wall()
-    wall.ahead = timedelta(days=days)
-    renewing = Renewing(client, wall)
-    before = renewing._file.read_bytes()
+    before = society.identity().certificate.read_bytes()
+    wall = (datetime.now(UTC) + timedelta(days=days)).timestamp()
+    renewing = Renewing(client, lambda: wall)
     try:
         assert soon(lambda: "this computer's clock says" in caplog.text)
-        assert renewing._file.read_bytes() == before
+        assert society.identity().certificate.read_bytes() == before
     finally:
         renewing.close()

@@ -2,127 +2,64 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
-from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
-from pathlib import Path
-from time import monotonic, sleep
+from collections.abc import Callable
+from datetime import UTC, datetime
 
 import pytest
 
 from armadico.config.endpoints import Endpoints
-from armadico.config.hosts import HostTable, load_hosts
-from armadico.core.messages import Log
-from armadico.keys.authority import Pair, create, issue
-from armadico.keys.issuing import Issuer
-from armadico.keys.members import of_host
-from armadico.keys.store import Identity, Store
-from armadico.mesh.door import ROBOT, VIEWER
-from armadico.mesh.ports import free_port
-from armadico.mesh.zenoh import ZenohMesh
-from tests.keys.labs import lab_in
+from armadico.keys.authority import create, issue
+from tests.keys.labs import NAMESPACE
+from tests.keys.society import SOON_S, Heard, Society, soon
 
 pytestmark = pytest.mark.live
 
-SOON_S = 20.0  # a deadline, not an expectation
-NAMESPACE = "robot1"
+DAY_S = 86_400.0
 
 
-@dataclass
-class Lab:
-    """A society with keys: lab1 has the robot's router, lab2 has a folder of its own."""
-
-    table: HostTable
-    issuer: Issuer
-    there: HostTable
-    stack: ExitStack
-
-    def start(self) -> ZenohMesh:
-        where = Endpoints(namespace=NAMESPACE, table=self.table, name="lab1")
-        return self.stack.enter_context(where.mesh(ROBOT, router=True))
-
-    def join(self, name: str, host: str = "lab1") -> ZenohMesh:
-        """A process of a host, which may be waiting."""
-        table = self.table if host == "lab1" else self.there
-        where = Endpoints(namespace=NAMESPACE, table=table, name=host)
-        return self.stack.enter_context(where.mesh(name))
-
-    def identity(self, name: str) -> Identity:
-        """One of lab2's."""
-        assert self.there.keys_folder is not None
-        return Store(self.there.keys_folder).identity(NAMESPACE, name)
-
-    def replace(self, name: str, pair: Pair) -> None:
-        self.identity(name).certificate.write_bytes(pair.certificate)
-        self.identity(name).private.write_bytes(pair.private)
-
-
-@pytest.fixture
-def lab(tmp_path: Path) -> Iterator[Lab]:
-    now = datetime.now(UTC)
-    table, issuer = lab_in(tmp_path, now, free_port())
-    elsewhere = tmp_path / "lab2"
-    elsewhere.mkdir()
-    (elsewhere / "lab.toml").write_text(Path(table.file).read_text())
-    issuer.give(of_host(table, "lab2", NAMESPACE, ["ben"]), Store(elsewhere / "keys"), now)
-    with ExitStack() as stack:
-        yield Lab(table, issuer, load_hosts(elsewhere / "lab.toml"), stack)
-
-
-def soon(holds: Callable[[], object]) -> bool:
-    end = monotonic() + SOON_S
-    while not holds():
-        if monotonic() > end:
-            return False
-        sleep(0.02)
-    return True
-
-
-def test_processes_join_by_the_socket_and_by_tls(lab: Lab) -> None:
-    lab.start()
-    here, there = lab.join("goto"), lab.join("goto", "lab2")
-    for one, other in ((here, there), (there, here)):
-        assert one.wait_joined(SOON_S), one.missing
-        assert other.wait_joined(SOON_S), other.missing
+def test_a_process_on_each_computer_is_received_by_the_other(society: Society) -> None:
+    society.router()
+    here, there = society.join("person-anna"), society.join("goto", "lab2")
+    assert here.wait_joined(SOON_S), here.missing
+    assert Heard(here).from_(there)
+    viewer = society.join("person-ben", "lab2")
+    assert Heard(viewer).from_(society.join("goto"))
 
 
 def test_a_command_without_a_table_finds_the_keys_of_the_society_on_this_computer(
-    lab: Lab, monkeypatch: pytest.MonkeyPatch
+    society: Society, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    lab.start()
+    society.router()
     monkeypatch.setenv("LOGNAME", "anna")
-    command = lab.stack.enter_context(Endpoints(namespace=NAMESPACE).mesh())
+    command = society.open(Endpoints(namespace=NAMESPACE).mesh())
     assert command.wait_joined(SOON_S), command.missing
 
 
-def _expired(lab: Lab) -> None:
+def _expired(society: Society) -> None:
     """For so long that the robot's porter does not renew it."""
-    before = datetime.now(UTC) - timedelta(days=40)
-    lab.replace("goto", issue(lab.issuer.pair, "robot1/goto", before))
+    society.date("goto", DAY_S, 40 * DAY_S)
 
 
-def _of_next_year(lab: Lab) -> None:
-    later = datetime.now(UTC) + timedelta(days=365)
-    lab.replace("goto", issue(lab.issuer.pair, "robot1/goto", later))
+def _of_next_year(society: Society) -> None:
+    society.date("goto", DAY_S, -365 * DAY_S)
 
 
-def _foreign(lab: Lab) -> None:
+def _foreign(society: Society) -> None:
     """Both its authority and its certificate are of another lab."""
     now = datetime.now(UTC)
     other = create("lab", now)
-    Store(lab.identity("goto").folder.parents[1]).authority.write_bytes(other.certificate)
-    lab.replace("goto", issue(other, "robot1/goto", now))
+    society.store.authority.write_bytes(other.certificate)
+    society.replace("goto", issue(other, f"{NAMESPACE}/goto", now))
 
 
-def _mismatched(lab: Lab) -> None:
-    other = issue(lab.issuer.pair, "robot1/goto", datetime.now(UTC))
-    lab.identity("goto").private.write_bytes(other.private)
+def _mismatched(society: Society) -> None:
+    other = issue(society.issuer.pair, f"{NAMESPACE}/goto", datetime.now(UTC))
+    society.identity().private.write_bytes(other.private)
 
 
-def _old(lab: Lab) -> None:
-    """It was revoked before the robot agent started."""
-    lab.issuer.revoke(["robot1/goto"], datetime.now(UTC))
+def _revoked(society: Society) -> None:
+    """Before the robot agent started."""
+    society.revoke("goto")
 
 
 @pytest.mark.parametrize(
@@ -132,72 +69,51 @@ def _old(lab: Lab) -> None:
         (_of_next_year, "is not valid before"),
         (_foreign, "the robot's certificate is of another authority"),
         (_mismatched, "is not the key of its certificate"),
-        (_old, "the key was revoked or made anew"),
+        (_revoked, "the key was revoked or made anew"),
     ],
 )
 def test_a_process_that_the_robot_does_not_let_in_is_told_why(
-    lab: Lab, spoil: Callable[[Lab], None], words: str
+    society: Society, spoil: Callable[[Society], None], words: str
 ) -> None:
-    spoil(lab)
-    lab.start()
-    process = lab.join("goto", "lab2")
+    spoil(society)
+    society.router()
+    process = society.join("goto", "lab2")
     assert soon(lambda: words in process.missing), process.missing
     assert not process.wait_joined(0.0)
 
 
-def test_a_process_without_keys_is_told_that_the_society_is_closed(lab: Lab) -> None:
-    lab.start()
-    endpoint = f"tcp/{str(lab.table.robots_router).partition('/')[2]}"
-    process = lab.stack.enter_context(Endpoints(namespace=NAMESPACE, connect=(endpoint,)).mesh())
+def test_a_process_without_keys_is_told_that_the_society_is_closed(society: Society) -> None:
+    society.router()
+    endpoint = f"tcp/{society.endpoint.partition('/')[2]}"
+    process = society.open(Endpoints(namespace=NAMESPACE, connect=(endpoint,)).mesh())
     assert soon(lambda: "is closed" in process.missing), process.missing
     assert not process.wait_joined(0.0)
 
 
-def test_a_process_with_keys_is_told_that_the_society_is_open(lab: Lab) -> None:
-    lab.stack.enter_context(Endpoints(namespace=NAMESPACE).mesh(router=True))
-    process = lab.join("goto")
+def test_a_process_with_keys_is_told_that_the_society_is_open(society: Society) -> None:
+    society.open(Endpoints(namespace=NAMESPACE).mesh(router=True))
+    process = society.join("goto")
     assert soon(lambda: "is open, and this process has keys" in process.missing), process.missing
     assert not process.wait_joined(0.0)
 
 
-def test_what_a_robot_does_not_know_yet_joins_once_it_does(lab: Lab) -> None:
-    """A process waits, and needs no restart when its certificate is renewed."""
-    _expired(lab)
-    lab.start()
-    process = lab.join("goto", "lab2")
-    assert soon(lambda: "expired" in process.missing)
-    goto = lab.identity("goto")
-    now = datetime.now(UTC)
-    lab.replace("goto", issue(lab.issuer.pair, "robot1/goto", now))
-    assert process.wait_joined(SOON_S), (process.missing, goto)
-
-
-def test_a_message_goes_from_one_computer_to_another(lab: Lab) -> None:
-    lab.start()
-    here, there = lab.join(VIEWER), lab.join("goto", "lab2")  # which may read logs
-    assert here.wait_joined(SOON_S)
-    assert there.wait_joined(SOON_S)
-    arrived: list[str] = []
-    here.subscribe("log/**", lambda key, _: arrived.append(key))
-    key = "log/goto-0000000000000001"
-
-    def sent() -> bool:
-        there.publish(key, Log(20, "hello"))
-        return key in arrived
-
-    assert soon(sent)
-
-
-def test_a_process_that_was_revoked_joins_by_a_new_key_without_being_started_again(
-    lab: Lab,
+@pytest.mark.parametrize(
+    ("spoil", "words", "mend"),
+    [
+        (_expired, "expired", lambda society: society.date("goto", DAY_S)),
+        (_revoked, "revoked", Society.give_lab2),
+    ],
+)
+def test_a_process_that_waits_joins_by_a_new_key_without_being_started_again(
+    society: Society,
+    spoil: Callable[[Society], None],
+    words: str,
+    mend: Callable[[Society], None],
 ) -> None:
-    there = lab.join("goto", "lab2")
-    lab.issuer.revoke([f"{NAMESPACE}/goto"], datetime.now(UTC))
-    lab.start()
-    assert soon(lambda: "goto" in there.missing and "revoked" in there.missing), there.missing
-    assert not there.wait_joined(0.0)
-    given = of_host(lab.table, "lab2", NAMESPACE, ["ben"])
-    folder = lab.there.keys_folder
-    assert folder is not None
-    lab.issuer.give(given, Store(folder), datetime.now(UTC))
-    assert there.wait_joined(SOON_S), there.missing
+    spoil(society)
+    society.router()
+    process = society.join("goto", "lab2")
+    assert soon(lambda: words in process.missing), process.missing
+    assert not process.wait_joined(0.0)
+    mend(society)
+    assert process.wait_joined(SOON_S), process.missing

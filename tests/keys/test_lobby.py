@@ -74,7 +74,7 @@ def test_handshakes_of_a_source_are_rationed_and_those_that_succeed_cost_half() 
         lobby.enter(f"good{n}", "honest", 1.0)
         lobby.ready(f"good{n}")
         assert lobby.next(1.0) == f"good{n}"
-        lobby.introduced(f"good{n}")
+        lobby.introduced(f"good{n}", 1.0)
     lobby.enter("one more", "honest", 1.0)
     lobby.ready("one more")
     assert lobby.next(1.0) is None

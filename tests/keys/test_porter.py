@@ -6,149 +6,19 @@ import os
 import socket
 import ssl
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
-from datetime import UTC, datetime, timedelta
-from pathlib import Path
+from collections.abc import Callable
+from contextlib import suppress
+from datetime import UTC, datetime
 
 import pytest
-from cryptography import x509
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from cryptography.hazmat.primitives.serialization import (
-    Encoding,
-    NoEncryption,
-    PrivateFormat,
-    load_pem_private_key,
-)
 
-from armadico.keys.asking import RENEWAL
 from armadico.keys.authority import Pair, create
-from armadico.keys.porter import LARGEST, LINKS_OF_A_NAME, Porter
+from armadico.keys.link import LARGEST
+from armadico.keys.porter import LINKS_OF_A_NAME
 from armadico.mesh.ports import LOOPBACK
 
-from .conftest import NAMESPACE, Lab
-
-SOON = 20.0  # s; a deadline, not an expectation
-
-
-class Router:
-    """What stands behind the porter: it returns what it receives."""
-
-    def __init__(self, path: Path) -> None:
-        self._line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._line.bind(str(path))
-        self._line.listen()
-        self.links: list[socket.socket] = []
-        self.received = bytearray()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def _run(self) -> None:
-        with suppress(OSError):
-            while True:
-                link, _ = self._line.accept()
-                self.links.append(link)
-                threading.Thread(target=self._echo, args=(link,), daemon=True).start()
-
-    def _echo(self, link: socket.socket) -> None:
-        with suppress(OSError):
-            while data := link.recv(65_536):
-                self.received += data
-                link.sendall(data)
-
-    def close(self) -> None:
-        self._line.shutdown(socket.SHUT_RDWR)
-        self._line.close()
-        self._thread.join()
-        for link in self.links:
-            link.close()
-
-
-class Door:
-    """A porter at work, and clients of it."""
-
-    def __init__(self, lab: Lab, folder: Path, stack: ExitStack) -> None:
-        self.lab, self.stack, self.folder = lab, stack, folder
-        self.path = folder / "u.sock"
-        listening = stack.enter_context(socket.create_server((LOOPBACK, 0), backlog=1024))
-        self.place = listening.getsockname()
-        self.porter = Porter([listening], NAMESPACE, lab.store, self.path)
-        over, end = os.pipe()
-        thread = threading.Thread(target=self.porter.run, args=(over,))
-        thread.start()
-        stack.callback(self.porter.close)
-        stack.callback(thread.join)
-        stack.callback(os.close, end)
-
-    def start_router(self) -> Router:
-        router = Router(self.path)
-        self.stack.callback(router.close)
-        return router
-
-    def connect(
-        self, pair: Pair | None = None, name: str = "goto", *, asks: bool = False
-    ) -> ssl.SSLSocket:
-        """Connect with a certificate, by default the one of an identity in the lab's folder.
-
-        `asks`: as a client that asks for a new certificate.
-        """
-        context = ssl.create_default_context(cafile=str(self.lab.store.authority))
-        if asks:
-            context.set_alpn_protocols([RENEWAL])
-        if pair is not None:
-            file = self.folder / "pair.pem"
-            file.write_bytes(pair.private + pair.certificate)
-            context.load_cert_chain(file)
-        else:
-            found = self.lab.store.identity(NAMESPACE, name)
-            context.load_cert_chain(found.certificate, found.private)
-        return self._shaken(context)
-
-    def connect_without(self) -> ssl.SSLSocket:
-        return self._shaken(ssl.create_default_context(cafile=str(self.lab.store.authority)))
-
-    def _shaken(self, context: ssl.SSLContext) -> ssl.SSLSocket:
-        line = socket.create_connection(self.place, SOON)
-        self.stack.callback(line.close)
-        return self.stack.enter_context(context.wrap_socket(line, server_hostname=LOOPBACK))
-
-
-@pytest.fixture
-def open_door(tmp_path: Path) -> Iterator[Callable[[Lab], Door]]:
-    with ExitStack() as stack:
-        yield lambda lab: Door(lab, tmp_path, stack)
-
-
-@pytest.fixture
-def door(lab: Lab, open_door: Callable[[Lab], Door]) -> Door:
-    return open_door(lab)
-
-
-def works(link: ssl.SSLSocket, data: bytes = b"hello") -> bool:
-    """Whether what is sent comes back; False if the link is closed."""
-    try:
-        link.sendall(data)
-        back = b""
-        while len(back) < len(data):
-            if not (part := link.recv(65_536)):
-                return False
-            back += part
-    except TimeoutError:
-        raise
-    except OSError:
-        return False
-    return back == data
-
-
-def closes(link: ssl.SSLSocket) -> bool:
-    """Whether a link is closed, rather than silent for long."""
-    try:
-        return link.recv(1) == b""
-    except TimeoutError:
-        return False
-    except OSError:
-        return True
-
+from .labs import NAMESPACE, Lab, named
+from .porters import SOON, Door, closes, works
 
 # Who gets a link ----------------------------------------------------------------------------------
 
@@ -171,36 +41,13 @@ def test_what_a_member_and_the_router_send_arrives_whole(door: Door) -> None:
     assert bytes(back) == sent
 
 
-def _foreign(_: Lab) -> Pair:
-    from armadico.keys.authority import issue
-
-    return issue(create("lab", datetime.now(UTC)), f"{NAMESPACE}/goto", datetime.now(UTC))
-
-
-def _nameless(lab: Lab) -> Pair:
-    key, now = Ed25519PrivateKey.generate(), datetime.now(UTC)
-    signer = load_pem_private_key(lab.pair.private, None)
-    assert isinstance(signer, Ed25519PrivateKey)
-    certificate = (
-        x509.CertificateBuilder()
-        .subject_name(x509.Name([]))
-        .issuer_name(x509.load_pem_x509_certificate(lab.pair.certificate).subject)
-        .public_key(key.public_key())
-        .serial_number(7)
-        .not_valid_before(now - timedelta(hours=1))
-        .not_valid_after(now + timedelta(hours=1))
-        .sign(signer, None)
-    )
-    private = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
-    return Pair(certificate.public_bytes(Encoding.PEM), private)
-
-
 STRANGERS: dict[str, Callable[[Lab], Pair | None]] = {
     "none": lambda _: None,
-    "foreign authority": _foreign,
+    "foreign authority": lambda _: named(create("lab", datetime.now(UTC)), f"{NAMESPACE}/goto"),
     "expired": lambda lab: lab.pair_of("goto", begins_s=-7200.0),
     "not yet valid": lambda lab: lab.pair_of("goto", begins_s=7200.0),
-    "no common name": _nameless,
+    "no common name": lambda lab: named(lab.pair),
+    "two common names": lambda lab: named(lab.pair, f"{NAMESPACE}/goto", f"{NAMESPACE}/avoid"),
     "another society's": lambda lab: lab.pair_of("robot2/goto", full=True),
     "no member": lambda lab: lab.pair_of("gothrough"),
     "a robot's name": lambda lab: lab.pair_of("goto/robot"),

@@ -1,21 +1,27 @@
-"""A society of real processes with keys, and commands that need no further option."""
+"""A society of real processes with keys: its commands, and a restarted agent's own state."""
 
 from __future__ import annotations
 
 import json
 import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
 
+import armadico
+from armadico.launch.client import Client
 from armadico.mesh.ports import free_port
 from armadico.mesh.sockets import RUNTIME_VARIABLE
 from armadico.mesh.topology import HOSTS_VARIABLE, NAMESPACE_VARIABLE
+from armadico.mobile.messages import Pose, Trajectory
 from tests.programs import Done, call, starter
 
-pytestmark = [pytest.mark.live, pytest.mark.long]
+pytestmark = pytest.mark.live
+
+SOON_S = 20.0
 
 TABLE = """\
 keys = "keys"
@@ -37,11 +43,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     table.write_text(TABLE.format(port=free_port("127.0.0.1")))
     made = call("keys", "init", "--hosts", str(table), "--host", "lab1")
     assert made.returncode == 0, made.stderr
-    archive = call(
-        "keys", "host", "lab2", "--hosts", str(table), "--out", str(tmp_path / "lab2" / "keys")
-    )
-    assert archive.returncode == 0, archive.stderr
-    (tmp_path / "lab2" / "lab.toml").write_text(table.read_text())
     return tmp_path
 
 
@@ -52,7 +53,12 @@ def run2() -> Iterator[str]:
         yield folder
 
 
+@pytest.mark.long
 def test_a_society_with_keys_needs_no_further_option(folder: Path, run2: str) -> None:
+    table, keys2 = folder / "lab.toml", folder / "lab2" / "keys"
+    archive = call("keys", "host", "lab2", "--hosts", str(table), "--out", str(keys2))
+    assert archive.returncode == 0, archive.stderr
+    (folder / "lab2" / "lab.toml").write_text(table.read_text())
     here = dict(os.environ)
     elsewhere = here | {RUNTIME_VARIABLE: run2}
     of_lab2 = ("--hosts", str(folder / "lab2" / "lab.toml"))
@@ -64,7 +70,7 @@ def test_a_society_with_keys_needs_no_further_option(folder: Path, run2: str) ->
         return done
 
     with starter(env=here) as start, starter(env=elsewhere) as start_elsewhere:
-        first = start("up", "sc1", "--hosts", str(folder / "lab.toml"), "--host", "lab1")
+        first = start("up", "sc1", "--hosts", str(table), "--host", "lab1")
         assert first.stdout is not None
         assert "lab1 is up" in first.stdout.readline(), first.communicate()
         second = start_elsewhere("up", "sc1", *of_lab2, "--host", "lab2")
@@ -98,3 +104,37 @@ def test_a_society_with_keys_needs_no_further_option(folder: Path, run2: str) ->
             key.chmod(0o600)
         assert "stopped by" in call("goto", "2.0", "0.0", "--timeout", "3", env=here).stdout
         does("down", env=here)
+
+
+def test_a_mission_outlives_its_interface_agent(folder: Path) -> None:
+    """Its successor is given the state that it signed."""
+    with starter(env=dict(os.environ)) as start:
+        up = start("up", "sc1", "--hosts", str(folder / "lab.toml"), "--host", "lab1")
+        assert up.stdout is not None
+        assert up.stdout.readline()
+        with armadico.connect("closed") as guest:
+            authors: list[str] = []
+            guest.listen(Trajectory, then=lambda *_: authors.append(guest.key.rpartition("/")[2]))
+            assert guest.wait_for(lambda: _interface(guest), SOON_S)
+            assert guest.latest(Pose, SOON_S) is not None
+            guest.goto(3.0, 0.0, 0.0, direct=True)
+            assert guest.wait_for(lambda: authors, SOON_S)
+            mission = guest.latest(Trajectory)
+            assert mission is not None
+            guest.stop(by="the test")  # it must not arrive meanwhile
+            before = _interface(guest)
+            assert authors[-1] == before
+            card = guest.card("interface", before)
+            assert card is not None
+            os.kill(card.pid, signal.SIGKILL)
+            assert guest.wait_for(lambda: authors[-1] not in ("", before), SOON_S)
+            assert authors[-1] == _interface(guest)
+            again = guest.latest(Trajectory)
+            assert again is not None
+            assert again.waypoints == mission.waypoints != ()
+            guest.resume(by="the test")
+        assert call("down").returncode == 0
+
+
+def _interface(guest: Client) -> str:
+    return next((instance for name, instance in guest.alive if name == "interface"), "")

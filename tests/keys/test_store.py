@@ -78,33 +78,12 @@ def test_a_part_of_a_group_has_the_groups_key(tmp_path: Path) -> None:
     assert store.of_agents("robot1", ("laser", "goto")) == "goto+laser"
 
 
-def test_the_list_of_members_is_read_as_it_was_written(tmp_path: Path) -> None:
-    store = authority_in(tmp_path / "keys")
-    members = {
-        "robot1/goto": Member("robot1/goto", "agent", ("goto",), ("lab1", "lab2"), 3, "2030-01-01"),
-        "lab/r2/robot": Member("lab/r2/robot", "robot"),
-    }
-    store.save_members(members)
-    assert store.members() == members
-
-
 @pytest.mark.parametrize("text", ["", "{", '[{"kind": "agent"}]', '[{"name": "a", "x": 1}]', "3"])
 def test_a_damaged_list_is_named(tmp_path: Path, text: str) -> None:
     store = authority_in(tmp_path / "keys")
     (store.folder / MEMBERS).write_text(text)
     with pytest.raises(ConfigError, match=str(store.folder / MEMBERS)):
         store.members()
-
-
-def test_a_password_depends_on_name_and_issue_and_secret(tmp_path: Path) -> None:
-    one, other = authority_in(tmp_path / "one"), authority_in(tmp_path / "other")
-    passwords = {
-        store.password(Member(name, "agent", issue=issue))
-        for store in (one, other)
-        for name in ("robot1/goto", "robot1/avoid")
-        for issue in (0, 1)
-    }
-    assert len(passwords) == 8
 
 
 def test_the_router_knows_its_society_and_the_robots_beside_it_but_no_revoked_one(

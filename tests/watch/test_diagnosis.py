@@ -9,7 +9,7 @@ from armadico.observe.diagnosis import diagnose, settled
 from armadico.observe.findings import Demand, Sort, judgement, short, summary, those
 from armadico.observe.view import View
 from armadico.watch.why import Chronicle
-from tests.watch.broken import BREAKAGES, DEMAND, shown, whole
+from tests.watch.broken import BREAKAGES, DEMAND, on_card, shown, whole
 
 WITHIN_S = 5.0
 
@@ -26,6 +26,13 @@ def test_a_whole_society_has_nothing_wrong_and_nothing_unknown() -> None:
         assert [f for f in found.findings if f.answer is not Answer.YES] == []
         assert summary(found.findings) == "nothing is wrong"
         assert found.texts["ps"] == found.texts["goto"] == ""
+
+
+def test_a_program_that_is_not_armadico_has_no_version_to_install() -> None:
+    society = whole()
+    on_card(society, "avoid", version="")
+    found = shown(society.let_pass(4.0)).findings
+    assert those(found, Answer.NO) == [], found
 
 
 @pytest.mark.parametrize("work_s", [0.02, 0.04])

@@ -33,11 +33,20 @@ class Options:
 
 
 def run(args: Options) -> int:
+    from armadico.core.config_errors import ConfigError
     from armadico.core.discovery import AGENTS, find
+    from armadico.core.errors import UnknownNameError
     from armadico.keys.members import of_agents
 
     for name in args.names:
-        find(AGENTS, name)
+        try:
+            find(AGENTS, name)
+        except UnknownNameError as error:
+            raise ConfigError(
+                f"{error}; rights are derived from a class, so install a package here that declares"
+                f" {name} under {AGENTS!r}, also for a program in another language"
+                " (docs/other-language.md)"
+            ) from None
     issuer = issuer_of(args.society, args.hours)
     member = of_agents(args.society.where.namespace, args.names)
     given_out(issuer, (member,), args.out, args.society)

@@ -12,13 +12,13 @@ from armadico.cli.parsing import Command, argument, flag, group, option
 from armadico.keys.commands.common import Society
 
 if TYPE_CHECKING:
-    from armadico.keys.rights import Right, Table
+    from armadico.keys.rights import Table
 
 EXAMPLES: Final = """\
   armadico keys rights --hosts lab.toml                   who may publish, query and answer what
   armadico keys rights goto                               all rights of one identity
   armadico keys rights --explain robot/cmd/goto-1f0c      who may use a key, and by which line
-  armadico keys rights --explain robot/state              or why nobody may
+  armadico keys rights --explain mapping/grid             or why no identity may
   armadico keys rights --write                            derive the table again, after an upgrade
 """
 
@@ -61,40 +61,39 @@ def run(args: Options) -> int:
     else:
         print("\n".join(_summary(table)))
     now = derived.derive(store.members().values(), namespace)
-    for line in derived.named(store, namespace, table, now):
+    for line in derived.named(store, namespace, derived.contradictions(table, now)):
         options.report(line)
     return 0
 
 
 def explanation(table: Table, key: str, namespace: str) -> Iterator[str]:
-    """Yield who may do what on a key; for each kind of message that nobody may send, why."""
+    """Yield who may do what on a key, and why if no identity publishes or answers on it."""
     from armadico.core.services import Kind, service_at
     from armadico.keys.rights import WORDS, Does
 
     key = key.removeprefix(f"{namespace}/")
-    found = [right for right in table.on(key) if not _is_denied(table, right, key)]
+    rights = table.on(key)
     for does in Does:
-        rights = [right for right in found if right.does is does]
+        identities: dict[tuple[str, str], list[str]] = {}  # by key and declaration
         for right in rights:
-            yield f"{right.identity} {WORDS[does]} {right.key}: {right.because}"
-    publishers = [right for right in found if right.does in (Does.PUT, Does.ANSWER)]
-    if publishers:
+            if right.does is does:
+                identities.setdefault((right.key, str(right.because)), []).append(right.identity)
+        for (of, because), names in identities.items():
+            yield f"{WORDS[does]} {of}: {', '.join(names)} ({because})"
+    publish = (Does.PUT, Does.ANSWER)
+    if any(right.does in publish for right in rights):
         return
-    service = service_at(key)
+    none, service = f"no identity publishes or answers on {key}", service_at(key)
     if service is None:
-        yield f"nobody publishes or answers on {key}: no installed message has this key"
+        yield f"{none}: no installed message has this key"
+        return
+    kind = service.message.__name__
+    of_others = [right.key for right in table.on(service.pattern) if right.does in publish]
+    if of_others:
+        yield f"{none}: each publisher of {kind} has keys of its own, such as {of_others[0]}"
     else:
         attribute = "answers" if service.kind is Kind.QUERY else "provides"
-        yield (
-            f"nobody publishes or answers on {key}: it is for {service.message.__name__}, and no"
-            f" class of a member has that in its `{attribute}`"
-        )
-
-
-def _is_denied(table: Table, right: Right, key: str) -> bool:
-    from armadico.keys.rights import covers
-
-    return any(covers(denied, key) for denied in table.denied(right.identity, right.does))
+        yield f"{none}: it is for {kind}, which no class of an identity has in its `{attribute}`"
 
 
 def _of_one(table: Table, identity: str) -> Iterator[str]:

@@ -8,9 +8,10 @@ from math import inf
 from typing import Final
 
 from armadico.core.judgement import Answer
-from armadico.core.messages import Ack, Command, Message
+from armadico.core.messages import Ack, Command, Message, RobotState
+from armadico.core.resources import WHEELS
 from armadico.core.services import derived, service_of
-from armadico.mobile.messages import MissionStatus, Scan, Trajectory, Truth
+from armadico.mobile.messages import MissionStatus, Scan, Sonar, Trajectory, Truth
 from armadico.mobile.scans import is_readable
 from armadico.observe.audit.chart import Chart, Wall
 from armadico.observe.audit.contacts import Touched
@@ -56,6 +57,17 @@ ENDED_S: Final = 2.0
 together do not end at the same moment."""
 
 
+MISSING: Final = 0.2
+"""If more of the robot's states than this share are missing, nothing counts as kept. A speed,
+a stop or a change of the agent that drives may lie between the others."""
+
+FASTER: Final = 2.0
+"""Cycles that pass faster than the robot's by this factor have a clock that is not the robot's."""
+
+READINGS: Final[dict[str, type[Message]]] = {"sonar": Sonar, "laser": Scan}
+"""What shows the readings of a sensor of `Description.sensors`."""
+
+
 def watched() -> tuple[type[Message], ...]:
     """The installed messages that an auditor needs; a base stands for its subclasses."""
     kinds = dict.fromkeys((*SHOWN, *(kind for rule in RULES for kind in (*rule.needs, *rule.sees))))
@@ -86,6 +98,8 @@ class Auditor:
         self._seen: dict[type[Message], float] = {}  # when each kind was last received, s
         self._driven = False  # there was a mission, so it must have had a path
         self._held = False  # an agent was obeyed, so it must have commanded
+        self._states = self._cycles = 0  # received, and that there were from the first to the last
+        self._lasted_s = 0.0  # from the first of those to the last, by the observer's clock
 
     def without(self, excuse: Excuse) -> Auditor:
         """A new auditor with the same rules and map that does not accept an excuse."""
@@ -108,8 +122,11 @@ class Auditor:
             return []
         if isinstance(message, Scan) and not is_readable(message):
             return []
+        if not isinstance(message, Ack) or message.resource == WHEELS.name:
+            self._seen[type(message)] = max(at, self.scene.now)
         self.scene.update(at, message)
-        self._seen[type(message)] = self.scene.now
+        if isinstance(message, RobotState):
+            self._count(message)
         self._driven = self._driven or self.scene.driving
         self._held = self._held or bool(self.scene.holder)
         return self._keep(
@@ -125,6 +142,28 @@ class Auditor:
         """From now on the observer knows of a disturbance that excuses outcomes; "": of none."""
         self.scene.disturbed = why
 
+    def _count(self, state: RobotState) -> None:
+        before = self.scene.before
+        if before is not None and before.cycle.epoch == state.cycle.epoch:
+            self._states += 1
+            self._cycles += max(0, state.cycle.number - before.cycle.number)
+            self._lasted_s += self.scene.state_gap_s
+
+    @property
+    def doubts(self) -> list[str]:
+        """Why nothing that seems kept is known to be, a sentence each."""
+        found, about = [], self.scene.description
+        missing = 1.0 - self._states / self._cycles if self._cycles else 0.0
+        if missing > MISSING:
+            found.append(f"{missing:.0%} of the robot's states are missing")
+        cycles_s = 0.0 if about is None else self._cycles * about.cycle_s
+        if cycles_s > FASTER * self._lasted_s > 0.0:
+            found.append(
+                f"the robot's cycles of {cycles_s:.1f} s came within {self._lasted_s:.1f} s: these"
+                " are not the times at which they were sent"
+            )
+        return found
+
     def report(self) -> list[Finding]:
         """One finding for each promise: broken, unknown, or kept."""
         return [self._verdict(rule) for rule in self._rules]
@@ -139,6 +178,9 @@ class Auditor:
         no_command = not self._held and self._has(Ack)
         spared = {kind for kind, none in ((Trajectory, no_path), (Command, no_command)) if none}
         lacking = [kind.__name__ for kind in rule.needs if not self._has(kind, *spared)]
+        if self.scene.description is not None:
+            reads = [READINGS[name] for name in self.scene.description.sensors if name in READINGS]
+            lacking += [one.__name__ for one in reads if one in rule.sees and not self._has(one)]
         uncharted = rule.charted and self.scene.chart is None
         if lacking:
             what = f"not checked: no {', '.join(lacking)} received"
@@ -146,12 +188,15 @@ class Auditor:
             what = "not checked: the robot's map is not known"
         elif not rule.checked:
             what = "not checked: there was no occasion"
+        elif rule.pending:
+            what = f"not checked: {rule.pending}"
         elif ended := self._ended(rule):
             return rule.found(self.scene, "", ended, answer=Answer.UNKNOWN)
         else:
             return rule.found(self.scene, "", "kept", answer=Answer.YES)
         found = rule.found(self.scene, "", what, answer=Answer.UNKNOWN)
-        return replace(found, occasion=bool(lacking) or (uncharted and self.scene.mapped))
+        occasion = bool(lacking) or (uncharted and self.scene.mapped) or rule.due
+        return replace(found, occasion=occasion)
 
     def _ended(self, rule: Rule) -> str:
         """Since when a rule lacks periodic messages that it received before; "" if it does not.

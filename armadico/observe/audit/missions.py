@@ -19,6 +19,7 @@ from armadico.mobile.messages import (
     Truth,
     Waypoint,
 )
+from armadico.mobile.route import Route
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import Rule
 from armadico.observe.audit.scene import Scene
@@ -94,7 +95,7 @@ class Arrives(Rule):
         self._spent: dict[str, float] = {}  # s by the agent that was obeyed
         self._excused: dict[str, float] = {}  # s by excuse
         self._excuse: tuple[Excuse, float] | None = None  # the present one, and since when
-        self._bonus_s = 0.0
+        self._bonus_s = self._allowed_s = 0.0
         self._driven_m = 0.0
         self._path_m = self._longest_m = 0.0
         self._last_at = -inf
@@ -103,7 +104,7 @@ class Arrives(Rule):
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
         if isinstance(message, MissionStatus):
             if message.state is not MissionState.DRIVING:
-                self._over = True
+                self._over, self.due = True, False
             elif message.mission != self._mission:
                 self._begin(message.mission, now)
         elif isinstance(message, RobotState):
@@ -120,6 +121,16 @@ class Arrives(Rule):
     def _count(self, now: Scene) -> Iterator[Finding]:
         if self._over:
             return
+        self._spend(now)
+        self._allowed_s = self._allowed(now)
+        spent = sum(self._spent.values())
+        self._over = spent > self._allowed_s
+        self.due = not self._over and self._so_far_s > self._allowed_s
+        if self._over:
+            yield self._late(now, spent, self._allowed_s)
+
+    def _spend(self, now: Scene) -> None:
+        """Count the time since the last message."""
         dt, self._last_at = now.now - self._last_at, now.now
         self._measure(now)
         excuse = now.excuse(*EXCUSES)
@@ -135,10 +146,22 @@ class Arrives(Rule):
         share = now.capped_share()
         _add(self._excused, "capped", (1.0 - share) * dt)
         _add(self._spent, now.who or NOBODY, share * dt)
-        spent, allowed = sum(self._spent.values()), self._allowed_s(now)
-        if spent > allowed:
-            self._over = True
-            yield self._late(now, spent, allowed)
+
+    @property
+    def pending(self) -> str:
+        """A mission that goes on is neither late nor reached, whatever excuses it."""
+        if self._over:
+            return ""
+        allowed, so_far = self._allowed_s, self._so_far_s
+        excused = [f"{why} {s:.0f} s" for why, s in sorted(self._excused.items()) if s >= 0.1]
+        without = f"; not counted: {', '.join(excused)}" if excused else ""
+        return (
+            f"the mission goes on after {so_far:.0f} s, where {allowed:.0f} s are enough{without}"
+        )
+
+    @property
+    def _so_far_s(self) -> float:
+        return sum(self._spent.values()) + sum(self._excused.values())
 
     def _measure(self, now: Scene) -> None:
         """The way driven, and the length of each new path."""
@@ -152,7 +175,7 @@ class Arrives(Rule):
         self._longest_m = max(self._longest_m, length)
         self._path_m = max(self._path_m, self._driven_m + length)
 
-    def _allowed_s(self, now: Scene) -> float:
+    def _allowed(self, now: Scene) -> float:
         top = inf if now.description is None else now.description.v_max
         pace = min(PACE_M_S, PACE_SHARE * top)
         way = min(self._path_m, DETOURS * self._longest_m)
@@ -203,10 +226,10 @@ class Ends(Rule):
         if not isinstance(message, RobotState):
             return
         dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
-        self.checked = self.checked or now.driving
         if not now.driving or not self._there(message, now):
             self._rested_s = 0.0
             return
+        self.checked = True
         if now.excuse(Excuse.DISTURBED, Excuse.STOPPED, Excuse.UNSURE) is None:
             self._rested_s += dt
         if self._rested_s > RESTS_S:
@@ -391,10 +414,12 @@ class Leads(Rule):
         if chart is None or not message.waypoints or message.waypoints == self._judged:
             return
         self._judged, self.checked = message.waypoints, True
-        x, y = message.start.x, message.start.y
+        # An observer that comes under way sees a path whose first legs are done.
+        route = Route.of(message)
+        x, y = route.leg_start.x, route.leg_start.y
         # By its pose the robot may stand in a wall, or behind one.
         skip = PLACED_M
-        for number, to in enumerate(message.waypoints[message.leg :], message.leg + 1):
+        for number, to in enumerate(message.waypoints[route.leg :], route.leg + 1):
             length = hypot(to.x - x, to.y - y)
             share = min(skip / length, 1.0) if length else 1.0
             at = chart.crosses(x + share * (to.x - x), y + share * (to.y - y), to.x, to.y)

@@ -24,6 +24,7 @@ class Rule:
         sees: Further messages that it uses.
         charted: Whether it needs the map (`Scene.chart`).
         checked: Whether there was an occasion to break the promise.
+        due: Whether the last occasion should have been judged by now, but for excuses.
     """
 
     promise: ClassVar[Promise]
@@ -32,8 +33,13 @@ class Rule:
     charted: ClassVar[bool] = False
 
     def __init__(self) -> None:
-        self.checked = False
+        self.checked = self.due = False
         self._found_at: dict[str, float] = {}  # the newest finding's time, s, by what it is of
+
+    @property
+    def pending(self) -> str:
+        """Why the last occasion is not judged yet; "" if it is."""
+        return ""
 
     def is_new(self, of: str, now: Scene, within_s: float = inf) -> bool:
         """Whether there was no finding of an agent or sensor within a time, s; now there is."""

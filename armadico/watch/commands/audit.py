@@ -147,6 +147,7 @@ class _Audit:
 
     def conclude(self) -> int:
         """Print the verdict on each promise; return the exit code."""
+        self.unread += self.auditor.doubts
         verdicts = [self._whole(each) for each in _by_promise(self.auditor.report())]
         tested = [each for each in verdicts if each.occasion]
         judged = [Judgement(each.answer, each.text) for each in tested]

@@ -27,6 +27,7 @@ from armadico.bridge.ros2.gateway.graphs import markers
 from armadico.bridge.ros2.gateway.grids import drawn, occupancy
 from armadico.bridge.ros2.gateway.health import MOST, Health
 from armadico.bridge.ros2.geometry import pose_of, rotation, stamp_of
+from armadico.bridge.ros2.guest import Gateway
 from armadico.config.grid_map import cells_of
 from armadico.config.map_graphs import graph_of
 from armadico.config.worlds import World
@@ -34,11 +35,9 @@ from armadico.core import messages as m
 from armadico.mobile.geometry import Pose2, compose, relative, wrap
 from armadico.mobile.messages import (
     COVARIANCE,
-    BatteryLevel,
     LocalMap,
     MapGraph,
     MissionRequest,
-    MissionStatus,
     OccupancyGrid,
     Pose,
     Scan,
@@ -96,6 +95,7 @@ _TOPICS: Final = (  # of samples
 )
 
 _Output = tuple[_Topic, IdlStruct]  # a topic and a sample
+_Receiver = Callable[..., Iterator[_Output]]
 
 
 class _State(NamedTuple):
@@ -115,6 +115,7 @@ class Society:
     """One robot's society as ROS 2 topics; see `armadico.observe.translators`."""
 
     profile = "ros2"
+    kinds: Sequence[type[m.Message]] = Gateway.receives
     # Without a version rosbag2 reads quality of service as numbers, which is Iron's format.
     about: Mapping[str, Mapping[str, str]] = {"rosbag2": {"ROS_DISTRO": "iron"}}
 
@@ -138,7 +139,8 @@ class Society:
         self._held: OccupancyGrid | None = None  # a map that no pose is on yet
         self._path: tuple[object, ...] | None = None
         self._health = Health(self._prefix)
-        self._receivers: dict[type[m.Message], Callable[..., Iterator[_Output]]] = {
+        kept: dict[type[m.Message], _Receiver] = dict.fromkeys(self.kinds, self._keep)
+        self._receivers = kept | {
             m.RobotState: self._on_state,
             Pose: self._on_pose,
             Sonar: self._on_sonar,
@@ -149,11 +151,8 @@ class Society:
             MapGraph: self._on_graph,
             Trajectory: self._on_trajectory,
             m.Ack: self._on_ack,
-            m.Description: self._keep,
-            BatteryLevel: self._keep,
-            MissionStatus: self._keep,
         }
-        self.kinds: Sequence[type[m.Message]] = tuple(self._receivers)
+        assert len(self._receivers) == len(self.kinds), "`Gateway` lists every kind that it gets"
 
     # Messages in, samples out ---------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from armadico.core.agent import Agent, Identity, Question
 from armadico.core.driver import OPEN_QUERIES, SLOW_S, Driver, Reply, SendQuery
 from armadico.core.membership import Stage
-from armadico.core.messages import OLDEST, PROTOCOL, Card, Log, Message, Stop, encode
+from armadico.core.messages import OLDEST, PROTOCOL, Card, Log, Message, Repeat, Stop, encode
 from armadico.core.outgoing import Answer, Publish
 from armadico.mobile.messages import Plan, PlanRequest, Trajectory, Waypoint
 
@@ -169,3 +169,26 @@ def test_with_keys_an_agent_of_protocol_2_is_named_and_told_what_to_install() ->
     assert f"install the version of the others (protocol {PROTOCOL})" in text
     assert "toy-1" in driver.kernel.foreign
     assert not driver.kernel.elders, "nothing is published on the shared keys"
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_with_keys_only_what_its_author_signed_is_repeated(signed: bool) -> None:
+    agent, driver, now = begun()
+    agent.kernel.closed = True
+    driver.token("interface", "interface-1", True, now)
+    deliver(driver, MISSION, now, "trajectory/interface-1")
+    record = Repeat("trajectory/interface-1", encode(MISSION), "interface", 99, b"signature")
+    if signed:
+        driver.token("interface", "interface-2", True, now)  # it repeats what it has
+        deliver(driver, record, now, "repeat/interface-2")
+    driver.token("interface", "interface-1", False, now)
+    driver.drain()
+    given = []
+    while agent.kernel.memory.wakeup is not None:
+        now = agent.kernel.memory.wakeup
+        driver.wake(now)
+        given += [item.message for item in driver.drain() if isinstance(item, Publish)]
+    assert [message for message in given if isinstance(message, Repeat)] == (
+        [record] * len(given) if signed else []
+    )
+    assert bool(given) is signed

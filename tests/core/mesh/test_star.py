@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from armadico.core.messages import Ballot, Claim, Cycle
+from armadico.core.messages import LARGEST_PAYLOAD, Ballot, Claim, Cycle
 from armadico.launch.client import Client
 from armadico.mesh.base import Mesh
 from armadico.mesh.ports import LOOPBACK, free_port
@@ -349,6 +349,47 @@ def stranger(namespace: str) -> zenoh.Session:
     for key, value in (SETTINGS | own).items():
         config.insert_json5(key, json.dumps(value))
     return zenoh.open(config)
+
+
+def test_a_client_makes_nothing_wait_overtake_or_grow(spawn_router: SpawnRouter) -> None:
+    """A large message, or a flood that waits for slow receivers, would stop all forwarding."""
+    spawn_router(NAMESPACE)
+    with stranger(NAMESPACE) as receiver, stranger(NAMESPACE) as sender:
+        got: list[zenoh.Sample] = []
+        key = f"{NAMESPACE}/robot/stop/x"
+        subscriber = receiver.declare_subscriber(key, got.append)
+
+        def send(payload: bytes, attachment: bytes | None = None) -> None:
+            sender.put(
+                key,
+                payload,
+                attachment=attachment,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                priority=zenoh.Priority.REAL_TIME,
+                express=True,
+            )
+
+        def arrived() -> bool:
+            send(b"small")
+            return bool(got)
+
+        assert eventually(arrived)
+        send(bytes(10_000_000))
+        send(bytes(LARGEST_PAYLOAD + 100))
+        send(b"small", bytes(LARGEST_PAYLOAD + 100))
+
+        def largest_arrived() -> bool:
+            send(bytes(LARGEST_PAYLOAD))
+            return len(got[-1].payload) == LARGEST_PAYLOAD
+
+        assert eventually(largest_arrived)
+        assert {len(sample.payload) for sample in got} == {len(b"small"), LARGEST_PAYLOAD}
+        assert all(sample.attachment is None for sample in got)
+        for sample in got:
+            assert sample.congestion_control == zenoh.CongestionControl.DROP
+            assert sample.priority == zenoh.Priority.DATA
+            assert not sample.express
+        subscriber.undeclare()
 
 
 PATTERNS = ["lab/r2/robot/stop", "lab/r2/**", "lab/r2/robot/*", "lab/*/robot/stop", "lab/**", "**"]

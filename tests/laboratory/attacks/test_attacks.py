@@ -10,9 +10,10 @@ import pytest
 
 from armadico.bridge.p2os.commands import Cmd, quantity
 from armadico.cli.options import UsageError
+from armadico_tools.attacks import running
 from armadico_tools.attacks.attempts import ATTEMPTS, Known
 from armadico_tools.attacks.peer import Peer
-from armadico_tools.attacks.running import linked
+from armadico_tools.attacks.running import Outcome, linked
 from armadico_tools.attacks.strangers import member, revoked, strangers
 from armadico_tools.attacks.victim import Drive, Victim
 from armadico_tools.commands import attacks
@@ -44,6 +45,24 @@ def test_wrong_words_are_refused(words: list[str], why: str) -> None:
     with pytest.raises((UsageError, SystemExit)) as refused:
         attacks.main(words)
     assert isinstance(refused.value, SystemExit) or why in str(refused.value)
+
+
+def test_a_table_has_a_column_for_each_attacker(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    outcomes = (
+        Outcome("sonar", False, "stop", True, ("stood 97%", "robot stopped")),
+        Outcome("sonar", False, "goal", True),
+        Outcome("mcp", False, "stop", False),
+    )
+    monkeypatch.setattr(running, "run", lambda *_, **__: iter(outcomes))
+    assert attacks.main(["--keys", "--as", "sonar", "--as", "mcp", "--table"]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "| attack | sonar | mcp |",
+        "| --- | --- | --- |",
+        "| `stop` | stood 97%; robot stopped | no link |",
+        "| `goal` | - | not tried |",
+    ]
 
 
 def test_the_orders_on_the_line_are_in_effect_until_the_next() -> None:

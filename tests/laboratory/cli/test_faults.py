@@ -15,7 +15,7 @@ from armadico.cli import pool
 from armadico.cli.options import INTERRUPTED, UsageError
 from armadico.core.config_errors import ConfigError
 from armadico_tools.commands import faults
-from armadico_tools.faults import series, workload
+from armadico_tools.faults import campaign, series, workload
 from armadico_tools.faults.fault_types import KINDS, Promise
 from armadico_tools.faults.plan import Case, Outcome
 from armadico_tools.faults.sightings import Sight
@@ -184,3 +184,23 @@ def test_a_campaign_in_which_a_situation_never_came_to_pass_fails(
     assert faults.main(arguments) == 1
     assert f"never occurred: {Sight.WATCHDOG.value}" in capsys.readouterr().out
     assert faults.main([*arguments, "--kind", "hang"]) == 0
+
+
+def test_planted_defects_are_kept_and_not_run_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--planted", "stands", "--first", "1", "--minutes", "0.2", "--scenario", "sc1"]
+    words += ["--variant", "sonar", "--jobs", "1", "--out", str(tmp_path), "--json"]
+    faults.main([*words, "--seeds", "1"])
+    first = json.loads(capsys.readouterr().out)
+    assert [first[name]["seeds"] for name in ("none", "stands")] == [1, 1]
+    left: list[series.Task] = []
+
+    def over(_run: object, tasks: list[series.Task], *_rest: object) -> bool:
+        left.extend(tasks)
+        return True
+
+    monkeypatch.setattr(campaign, "over", over)
+    faults.main([*words, "--seeds", "2"])
+    assert json.loads(capsys.readouterr().out) == first
+    assert [(task.seed, task.planted) for task in left] == [(2, ""), (2, "stands")]

@@ -59,7 +59,6 @@ def test_the_host_that_drives_is_killed_another_takes_over_and_it_comes_back(
         "is started again",
         "sc4: reached",
         " is back",
-        "goto was no longer alive",
         "Longest time without an obeyed command",
     ]
     said = iter(lines)

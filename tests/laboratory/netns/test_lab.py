@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from armadico_tools.attacks.lab import DESK, FLOODS, LAB, ROBOT, Lab, flooding, restarted
+from armadico_tools.attacks.lab import DESK, FLOODS, LAB, ROBOT, Lab, Obeyed, flooding, killed
 
 pytestmark = [pytest.mark.live, pytest.mark.long]
 
@@ -24,14 +24,17 @@ def lab(tmp_path: Path) -> Iterator[Lab]:
 def test_three_computers_with_keys_drive_and_heal_while_a_stranger_floods_the_port(
     lab: Lab,
 ) -> None:
-    ups = {host: lab.up(host) for host in (ROBOT, LAB)}
+    for host in (ROBOT, LAB):
+        lab.up(host)
     lab.wait_for_keys()
     with lab.viewer() as client:
+        drive = Obeyed(client)
         names = {"robot", "encoder", "goto", "avoid", "interface"}
         lab.until(client, lambda: {n for n, _ in client.alive} >= names, "the society")
         assert "stopped" in lab.call(DESK, "armadico", "stop")
         assert "free" in lab.call(DESK, "armadico", "resume")
         with flooding(lab, WORST):
             for host, agent in ((ROBOT, "encoder"), (LAB, "goto")):
-                assert restarted(client, ups[host], agent) is not None, f"{agent} is back"
+                after = killed(client, drive, WORST.name, host, agent)
+                assert after.back is not None, f"{agent} is back"
             assert "stopped" in lab.call(DESK, "armadico", "stop")

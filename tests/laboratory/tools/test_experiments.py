@@ -233,6 +233,28 @@ def test_the_floors_have_real_sensors_localization_and_people(tmp_path: Path) ->
     assert len(scenario.moving) == 3
 
 
+def test_the_price_of_the_gate_is_that_of_pairs_that_arrived(tmp_path: Path) -> None:
+    here, experiment = context(tmp_path, runs=3), foreign_worlds.GATE
+    here.found["plans"] = [tmp_path / f"plan-{seed}.toml" for seed in here.seeds]
+    tasks = experiment.parts[1].tasks(here)
+    for with_, without in zip(tasks[::2], tasks[1::2], strict=True):
+        switched = replace(without[0], name=with_[0].name, parameters=None)
+        assert (switched, without[1]) == with_
+        assert "reflex = false" in Path(str(without[0].parameters)).read_text(encoding="utf-8")
+    last = here.seeds[-1]  # the only one that does not arrive with the gate, and touches without
+
+    def sample(cell: Cell, seed: int) -> Sample:
+        gated, arrived = cell.parameters is None, cell.parameters is not None or seed != last
+        tt = (10.3 if gated else 10.0) if arrived else 99.0
+        touched = int(not gated and seed == last)
+        return Sample(cell.name, seed, arrived, arrived, 1.0, 0.0, tt, 0.0, 0, collisions=touched)
+
+    here.found["runs"] = [sample(*task) for task in tasks]
+    rows = experiment.report(here).splitlines()[2:]
+    assert len(rows) == 6
+    assert all(row.endswith("| 3 | 2 | 3 | 0 | 1 | 2 | 3.0 [3.0, 3.0] |") for row in rows)
+
+
 @pytest.mark.parametrize(("gap", "through"), [(0.50, False), (0.70, True)])
 def test_the_flood_knows_a_gap_that_is_too_narrow(gap: float, through: bool) -> None:
     box = ((0.0, 0.0, 6.0, 0.0), (6.0, 0.0, 6.0, 4.0), (6.0, 4.0, 0.0, 4.0), (0.0, 4.0, 0.0, 0.0))

@@ -296,3 +296,26 @@ def test_a_stop_and_a_claim_flood_while_it_hangs() -> None:
     said = [log.text for log in drive.of(Log) if "too busy: dropped on" in log.text]
     assert any("resource/wheels/utility" in text for text in said), "it was a flood, and it says so"
     assert not any(service_of(Stop).key_in(2) in text for text in said)
+
+
+@pytest.mark.parametrize("name", ["sonar", "goto", "robot"])
+def test_a_members_many_tokens_cost_no_cycle(name: str) -> None:
+    """Tokens of a member's own name, without agents, that stay and that come and go."""
+    undisturbed, drive = Drive(seed=3), Drive(seed=3)
+    since = drive.mesh.now
+    forged = [(name, f"{name}-{number:016x}") for number in range(200)]
+    places = [place for place in drive.mesh.places if place.alive]
+    for there in (True, False, True):
+        for token in forged:
+            for place in places:
+                place.update_token(*token, there)
+        drive.let_pass(1.0)
+    undisturbed.let_pass(3.0)
+    obeyed, usual = (
+        [(ack.cycle.number, ack.obeyed_cycle) for ack in day.of(Ack, since)]
+        for day in (drive, undisturbed)
+    )
+    assert [number for number, _ in obeyed] == [number for number, _ in usual]
+    assert all(cycle is not None and number - cycle.number <= 1 for number, cycle in obeyed)
+    assert {place.name for place in places if place.alive} == {place.name for place in places}
+    assert drive.arrives()

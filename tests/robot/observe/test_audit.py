@@ -154,10 +154,57 @@ def test_a_drive_as_it_should_be_breaks_nothing_and_leaves_the_rest_unknown() ->
     drive = Drive().go(13.3)
     drive.end(MissionState.REACHED)
     assert drive.auditor.findings == [], "10 m in 13.3 s"
-    verdicts = {each.promise: each for each in drive.auditor.report()}
+    verdicts = {each.promise: each for each in reversed(drive.auditor.report())}
     assert verdicts[Promise.ARRIVES].answer is Answer.YES
     assert verdicts[Promise.FAILED].answer is Answer.UNKNOWN, "none failed"
     assert "occasion" in verdicts[Promise.FAILED].what
+
+
+def arrives(drive: Drive) -> Finding:
+    return next(each for each in drive.auditor.report() if each.promise is Promise.ARRIVES)
+
+
+def test_a_mission_that_goes_on_has_not_arrived_and_no_excuse_lets_it_pass() -> None:
+    drive = Drive().go(13.3)
+    assert arrives(drive).answer is Answer.UNKNOWN
+    assert not arrives(drive).occasion, "it is not late yet"
+    drive.go(200, v=0.0, ordered=0.0, covariance=LOST)
+    assert Promise.ARRIVES not in [promise for promise, _ in drive.found]
+    assert arrives(drive).answer is Answer.UNKNOWN
+    assert arrives(drive).occasion
+    assert "lost 200 s" in arrives(drive).what
+
+
+def test_missing_states_and_another_clock_are_named() -> None:
+    drive = Drive().go(10)
+    assert drive.auditor.doubts == []
+    kept, robot = Auditor(), [*range(0, 100, 3)]
+    for number in robot:
+        state = RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, False, GOES)
+        kept.update(number / 10.0, "", state)
+    (why,) = kept.doubts
+    assert why.startswith("67%")
+    fast = Auditor()
+    fast.update(0.0, "", ROBOT)
+    for number in range(100):
+        state = RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, False, GOES)
+        fast.update(number / 100.0, "", state)
+    (why,) = fast.doubts
+    assert "9.9 s came within 1.0 s" in why
+
+
+def test_neither_another_resources_acks_nor_silent_sensors_are_evidence() -> None:
+    drive = Drive()
+    drive.auditor.update(0.0, "", Ack("lamp", Cycle(1, 1)))
+    drive.go(10)
+    verdicts = {each.promise: each for each in drive.auditor.report()}
+    assert "no Sonar" in verdicts[Promise.EARNED].what
+    assert verdicts[Promise.EARNED].occasion
+    without = Auditor()
+    for message in (ROBOT, Ack("lamp", Cycle(1, 1))):
+        without.update(0.0, "", message)
+    verdicts = {each.promise: each for each in without.report()}
+    assert "no Ack" in verdicts[Promise.FRESH].what
 
 
 @pytest.mark.parametrize(
@@ -560,6 +607,17 @@ def test_a_path_from_behind_a_wall_by_the_poses_error_is_no_finding() -> None:
     drive.auditor.chart([(0.2, -1.0, 0.2, 1.0)])
     drive.say(Trajectory(2, 1, (Waypoint(10.0, 0.0, 0.0),), planned=True))
     assert drive.found == []
+
+
+def test_who_comes_under_way_judges_the_path_from_the_leg_that_is_driven() -> None:
+    around = tuple(Waypoint(*at, 0.0) for at in ((0.0, 2.0), (10.0, 2.0), (10.0, 0.0)))
+    drive = Drive(Auditor([Leads]))
+    drive.auditor.chart([(5.0, -1.0, 5.0, 1.0)])
+    drive.say(Trajectory(2, 1, around, planned=True, leg=2))
+    assert drive.found == [], "the wall is between the start and the end, which no leg joins"
+    drive.auditor.chart([(5.0, 1.0, 5.0, 3.0)])
+    drive.say(Trajectory(3, 2, around[:2], planned=True, leg=1))
+    assert drive.found == [(Promise.PATH, "path-planning")]
 
 
 def test_a_wall_beside_the_robot_may_stay_where_it_is() -> None:

@@ -5,22 +5,26 @@ They are the robot's computer, one with the driving agents, and a desk. A fourth
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple, Self
 
-import psutil
-
 from armadico.config.endpoints import endpoints
 from armadico.config.hosts import load_hosts
+from armadico.core.messages import Ack, Cycle, Message
+from armadico.core.resources import WHEELS
 from armadico.launch.client import Client
 from armadico.launch.processes import kill_trees
 from armadico.mesh import sockets
-from armadico.mesh.door import VIEWER
+from armadico.mesh.door import VIEWER, person
 from armadico_tools.testbed import WATCHER, Namespaces, sockets_in
 
 ROBOT, LAB, DESK, STRANGER = "robot", "lab2", "desk", WATCHER
@@ -104,20 +108,24 @@ class Lab:
             self.call(ROBOT, "mv", f"{host}-keys.tar", f"../{host}")  # scp between computers
             self.call(host, "tar", "-xf", f"{host}-keys.tar")
 
-    def up(self, host: str) -> subprocess.Popen[bytes]:
+    def up(self, host: str, *more: str) -> subprocess.Popen[bytes]:
         """Start a host's share of the society."""
         folder = self.folder / host
-        words = ("up", str(folder / "road.toml"), "--hosts", str(folder / "lab.toml"))
+        words = ("up", str(folder / "road.toml"), "--hosts", str(folder / "lab.toml"), *more)
         return self.bed.start(host, host, [*words, "--host", host, "--restarts", "100"])
 
     @contextmanager
-    def viewer(self) -> Iterator[Client]:
-        """A guest on the robot's computer, which only looks."""
+    def client(self, name: str) -> Iterator[Client]:
+        """A guest on the robot's computer, with the key of an identity."""
         with (
             sockets_in(self.bed.sockets_of(ROBOT)),
-            endpoints(NAMESPACE).mesh(VIEWER, starts=True) as mesh,
+            endpoints(NAMESPACE).mesh(name, starts=True) as mesh,
         ):
             yield Client(mesh)
+
+    def viewer(self) -> AbstractContextManager[Client]:
+        """A guest on the robot's computer, which only looks."""
+        return self.client(VIEWER)
 
     def wait_for_keys(self) -> None:
         """Wait until the robot agent listens, whose socket leads to the keys."""
@@ -158,58 +166,114 @@ FLOODS: Final = (
 )
 
 
-class Recovery(NamedTuple):
-    """Times from SIGKILL until a new process of the agent has its token, s.
-
-    None: not within `LIMIT_S`. The society waits 1 to 2 s before it restarts an agent.
+class Killed(NamedTuple):
+    """What followed when an agent was killed (SIGKILL), s.
 
     Attributes:
-        here: Of an agent on the robot's computer.
-        there: Of an agent on another computer of the table.
+        flood: What the stranger did meanwhile.
+        host: Where the agent ran.
+        held: Whether its process held the wheels.
+        paused: The longest time without a newly obeyed command, until the robot drove on.
+        back: Until a new process of it had its token; None: not within `LIMIT_S`.
     """
 
     flood: str
-    here: float | None
-    there: float | None
+    host: str
+    agent: str
+    held: bool
+    paused: float
+    back: float | None
 
 
 LIMIT_S: Final = 20.0
 SETTLES_S: Final = 3.0
 """How long a flood lasts before an agent is killed."""
 
+AFTER_S: Final = 2.0
+"""How long the drive is watched at least once an agent is back: its messages may come later."""
 
-def recoveries(folder: Path, floods: tuple[Flood, ...] = FLOODS) -> Iterator[Recovery]:
-    """Kill an agent here and one there while a stranger floods the port; yield the times."""
+DRIVES_S: Final = 1.0
+"""The robot drives again when commands were obeyed for so long."""
+
+FAR_M: Final = 2_000.0
+DRIVERS: Final = TABLE.replace('"avoid"]', '"avoid", "goto"]')
+"""The table with `goto` on two computers: one takes over when the other is killed."""
+
+IN_TURN: Final = (
+    *((LAB, "goto"), (ROBOT, "goto"), (LAB, "gothrough"), (ROBOT, "avoid"), (ROBOT, "encoder")),
+    *((ROBOT, "sonar"), (ROBOT, "interface"), (ROBOT, "path-planning"), (ROBOT, "robot")),
+)
+"""Host and agent, in the order in which they are killed."""
+
+
+def recoveries(folder: Path, floods: tuple[Flood, ...] = FLOODS) -> Iterator[Killed]:
+    """Kill each agent in turn while the robot drives and a stranger floods the port."""
     with ExitStack() as stack:
-        lab = stack.enter_context(Lab(folder))
+        lab = stack.enter_context(Lab(folder, DRIVERS))
         lab.set_up()
-        ups = {host: lab.up(host) for host in (ROBOT, LAB)}
+        lab.up(ROBOT, "--set", f"interface.reach_m={5 * FAR_M:g}")
+        lab.up(LAB)
         lab.wait_for_keys()
         client = stack.enter_context(lab.viewer())
-        names = {"robot", "encoder", "goto", "avoid", "interface"}
-        lab.until(client, lambda: {n for n, _ in client.alive} >= names, "the society")
+        drive = Obeyed(client)
+        agents = Counter(name for _, name in IN_TURN)
+        lab.until(client, lambda: Counter(n for n, _ in client.alive) >= agents, "the society")
+        client.settle()
+        with lab.client(person()) as driver:
+            driver.goto(FAR_M, 0.0, 0.0, direct=True)
         for flood in floods:
             with flooding(lab, flood):
                 client.wait_for(lambda: False, SETTLES_S)
-                here = restarted(client, ups[ROBOT], "encoder")
-                there = restarted(client, ups[LAB], "goto")
-            yield Recovery(flood.name, here, there)
-            client.wait_for(lambda: False, SETTLES_S)
+                for host, name in IN_TURN:
+                    lab.until(client, lambda: drive.lasts(DRIVES_S), "the robot drives")
+                    yield killed(client, drive, flood.name, host, name)
 
 
-def restarted(client: Client, up: subprocess.Popen[bytes], name: str) -> float | None:
-    """Kill an agent of a host; return when a new process of it has its token, s."""
-    before = {i for n, i in client.alive if n == name}
-    victims = [
-        p for p in psutil.Process(up.pid).children(recursive=True) if name in p.cmdline()[1:]
-    ]
-    began = time.monotonic()
-    for process in victims:
-        process.kill()
-    new = client.wait_for(
-        lambda: [i for n, i in client.alive if n == name and i not in before], LIMIT_S
-    )
-    return time.monotonic() - began if new else None
+class Obeyed:
+    """When the robot agent obeyed commands of the wheels, by its acknowledgements."""
+
+    def __init__(self, client: Client) -> None:
+        self.holder = ""  # the instance that gave the newest one
+        self._client = client
+        self._times: list[float] = []
+        self._newest: Cycle | None = None
+        client.listen(Ack, then=self._on_ack)
+
+    def _on_ack(self, message: Message, at: float) -> None:
+        assert isinstance(message, Ack), "it listens to nothing else"
+        new = message.resource == WHEELS.name and message.obeyed_cycle != self._newest
+        if new and message.obeyed is not None:
+            self._newest = message.obeyed_cycle
+            self.holder = message.obeyed.instance
+            self._times.append(at)
+
+    def lasts(self, seconds: float) -> bool:
+        """Whether commands were obeyed until now, without a pause of more than `seconds` / 2."""
+        now = self._client.mesh.now()
+        return self.paused(now - seconds, now) < seconds / 2
+
+    def paused(self, since: float, until: float) -> float:
+        """The longest time without a newly obeyed command, s."""
+        before = [at for at in self._times if at <= since][-1:] or [since]
+        within = [at for at in self._times if since < at <= until]
+        return max(b - a for a, b in pairwise([*before, *within, until]))
+
+
+def killed(client: Client, drive: Obeyed, flood: str, host: str, name: str) -> Killed:
+    """Kill an agent of a host, and watch. Raises LabError if it is not there."""
+    cards = [card for card in client.cards().values() if card is not None]
+    there = [card for card in cards if (card.name, card.host) == (name, host)]
+    if len(there) != 1:
+        raise LabError(f"{len(there)} instances of {name} on {host}")
+    before, held = set(client.alive), drive.holder == there[0].instance
+    began = client.mesh.now()
+    os.kill(there[0].pid, signal.SIGKILL)
+    new = client.wait_for(lambda: [i for n, i in client.alive - before if n == name], LIMIT_S)
+    back = client.mesh.now() - began if new else None
+    if drive.holder:
+        client.wait_for(lambda: False, AFTER_S)
+        client.wait_for(lambda: drive.lasts(DRIVES_S), LIMIT_S)
+    return Killed(flood, host, name, held, drive.paused(began, client.mesh.now()), back)
 
 
 @contextmanager

@@ -41,7 +41,7 @@ class Stranger(NamedTuple):
 
 def member(victim: Victim, name: str) -> Stranger:
     """A member, with its true key, on the port."""
-    door = open_door(victim.where, name).as_client()
+    door = open_door(victim.where, name).abroad()
     return Stranger(name, victim.endpoint, door.current())
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -13,6 +14,7 @@ from armadico.cli.parsing import Command, argument, at_least, flag, option, seve
 from armadico.core.errors import no_such
 
 if TYPE_CHECKING:
+    from armadico_tools.attacks.lab import Killed
     from armadico_tools.attacks.running import Outcome
 
 EXAMPLES: Final = """\
@@ -20,6 +22,7 @@ EXAMPLES: Final = """\
   armadico attacks stop release             these two, on a society without keys
   armadico attacks --keys                   a stranger on a society with keys
   armadico attacks --keys --as goto         a program that has goto's key
+  armadico attacks --keys --as mcp --table  the same with mcp's, as a table in Markdown
   armadico attacks --keys --links           which certificates and passwords get a link
   sudo .venv/bin/armadico attacks --keys --floods    do killed agents come back meanwhile?
 """
@@ -39,10 +42,12 @@ class Options:
     links: bool = flag("with --keys: only try to get a link, in every wrong way")
     floods: bool = flag(
         "with --keys: flood the port of a lab of three computers, which are network namespaces"
-        " (needs root), kill agents, and measure when they are back"
+        " (needs root), kill each agent in turn, and measure when it is back and how long no new"
+        " command was obeyed"
     )
     seconds: int = option("attack for so long, s", default=3, metavar="S", must=at_least(1))
     json: bool = flag("print JSON")
+    table: bool = flag("print a table in Markdown, as the page of security has it")
     list: bool = flag("list the attacks")
 
 
@@ -70,18 +75,37 @@ def run(args: Options) -> int:
             chosen, args.who, args.seconds, keys=args.keys, links=args.links, report=options.report
         ):
             outcomes.append(outcome)
-            if not args.json:
+            if not (args.json or args.table):
                 print(f"{outcome.who:<28}{outcome.name:<18}{outcome.text}", flush=True)
     except running.VictimError as error:
         raise FailedError(str(error)) from None
     finally:
-        if args.json:
-            print(json.dumps([outcome._asdict() for outcome in outcomes], indent=1))
+        for line in _whole(args, outcomes):
+            print(line)
     return int(args.keys and any(o.is_stranger and (o.linked or o.effects) for o in outcomes))
 
 
+def _whole(args: Options, outcomes: Sequence[Outcome]) -> list[str]:
+    """What is printed of all outcomes at the end."""
+    if args.json:
+        return [json.dumps([outcome._asdict() for outcome in outcomes], indent=1)]
+    return _table(outcomes) if args.table else []
+
+
+def _table(outcomes: Sequence[Outcome]) -> list[str]:
+    """The outcomes as a table: a row for each attack, a column for each attacker."""
+    whos = list(dict.fromkeys(outcome.who for outcome in outcomes))
+    texts = {(o.name, o.who): o.text if o.effects or not o.linked else "-" for o in outcomes}
+    rows = [["attack", *whos], ["---"] * (len(whos) + 1)]
+    rows += (
+        [f"`{name}`", *(texts.get((name, who), "not tried") for who in whos)]
+        for name in dict.fromkeys(outcome.name for outcome in outcomes)
+    )
+    return [f"| {' | '.join(row)} |" for row in rows]
+
+
 def _floods(*, as_json: bool) -> int:
-    """Print the times of recovery; 1 if an agent did not come back."""
+    """Print what followed each kill; 1 if an agent did not come back."""
     from tempfile import TemporaryDirectory
 
     from armadico_tools.attacks import lab
@@ -89,20 +113,46 @@ def _floods(*, as_json: bool) -> int:
 
     if (trouble := lacking()) is not None:
         raise FailedError(trouble)
-    found = []
+    found: list[Killed] = []
     with TemporaryDirectory(prefix="armadico-lab-") as folder:
         options.report("setting up a lab of three computers")
         try:
             for each in lab.recoveries(Path(folder)):
                 found.append(each)
                 if not as_json:
-                    here, there = map(_shown, (each.here, each.there))
-                    print(f"{each.flood:<44}here {here:<10}elsewhere {there}", flush=True)
+                    held = ", the holder" if each.held else ""
+                    print(
+                        f"{each.flood:<44}{each.agent + ' on ' + each.host + held:<34}"
+                        f"back {_shown(each.back):<8}pause {each.paused:.2f} s",
+                        flush=True,
+                    )
         except lab.LabError as error:
             raise FailedError(str(error)) from None
     if as_json:
         print(json.dumps([each._asdict() for each in found], indent=1))
-    return int(any(None in (each.here, each.there) for each in found))
+    else:
+        print("", *_summary(found), sep="\n")
+    return int(any(each.back is None for each in found))
+
+
+def _summary(found: Sequence[Killed]) -> list[str]:
+    """The longest times by flood, as a table of the page."""
+    from armadico_tools.attacks.lab import ROBOT
+
+    rows = [
+        "| flood | back, robot's computer | back, another | pause, holder killed | pause, other |"
+    ]
+    rows.append("| --- | --- | --- | --- | --- |")
+    for flood in dict.fromkeys(each.flood for each in found):
+        of = [each for each in found if each.flood == flood]
+        back = [[e.back for e in of if (e.host == ROBOT) is here] for here in (True, False)]
+        worst = (_shown(None if None in b else max(filter(None, b), default=None)) for b in back)
+        pauses = (
+            max((e.paused for e in of if e.held is held), default=None) for held in (True, False)
+        )
+        pause = ("-" if p is None else f"{p:.2f} s" for p in pauses)
+        rows.append(f"| {flood} | {' | '.join((*worst, *pause))} |")
+    return rows
 
 
 def _shown(seconds: float | None) -> str:

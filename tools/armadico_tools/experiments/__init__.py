@@ -22,6 +22,10 @@ MODULES: Final = {
         "Floors: generated floor plans with people, real sensors",
         "foreign_worlds:FLOORS",
     ),
+    "gate": (
+        "The price of the gate: floor plans with and without it, by sonars and by laser",
+        "foreign_worlds:GATE",
+    ),
     "other-maps": (
         "Maps of other formats: goals between free places",
         "foreign_worlds:OTHER_MAPS",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from json import dumps
-from math import hypot
+from math import expm1, hypot, log
 from pathlib import Path
 from random import Random
 from typing import Final
@@ -24,7 +24,7 @@ from armadico_tools.experiments.floor_plans import (
     save,
 )
 from armadico_tools.experiments.runner import Context, Experiment, Part
-from armadico_tools.experiments.tables import RULES, at_least, cell, number
+from armadico_tools.experiments.tables import RULES, at_least, cell, number, spread
 from armadico_tools.markdown import table
 
 # Failures -----------------------------------------------------------------------------------------
@@ -99,13 +99,14 @@ def plan_of(task: tuple[Path, int, int]) -> Path:
     return save(plan, folder, people(plan, seed, count))
 
 
+def _tasks(context: Context, walking: int) -> list[tuple[Path, int, int]]:
+    folder = context.out / "plans"
+    folder.mkdir(exist_ok=True)
+    return [(folder, seed, walking) for seed in context.seeds]
+
+
 def _plans(note: str, like: Cell, walking: int, first_seed: int) -> Experiment:
     """Each plan with its own seed; `like` is common to all cells."""
-
-    def plans(context: Context) -> list[tuple[Path, int, int]]:
-        folder = context.out / "plans"
-        folder.mkdir(exist_ok=True)
-        return [(folder, seed, walking) for seed in context.seeds]
 
     def runs(context: Context) -> list[tuple[Cell, int]]:
         cells = [replace(like, name=p.stem, scenario=str(p)) for p in context.found["plans"]]
@@ -123,7 +124,10 @@ def _plans(note: str, like: Cell, walking: int, first_seed: int) -> Experiment:
 
     return Experiment(
         note=note,
-        parts=(Part("plans", plan_of, plans, None), Part("runs", drive, runs)),
+        parts=(
+            Part("plans", plan_of, lambda c: _tasks(c, walking), None),
+            Part("runs", drive, runs),
+        ),
         report=report,
         runs=200,
         first_seed=first_seed,
@@ -150,6 +154,66 @@ def _summary(found: list[Sample]) -> str:
 
 RANDOM_ROOMS: Final = _plans(ROOMS_NOTE, Cell("", ""), walking=0, first_seed=0)
 FLOORS: Final = _plans(FLOORS_NOTE, LOCALIZED, walking=PEOPLE, first_seed=1000)
+
+# The price of the gate ----------------------------------------------------------------------------
+
+GATE_NOTE: Final = (
+    "The floor plans of `random-rooms`, without people: each with and without the gate"
+    " (`robot.reflex=false`), by sonars and by lasers, with ideal sensors and with `real` ones"
+    " (then localization and relocate take part). The robot, its sensors and its seed are the same"
+    " in both. *Price*: mean of the pairs' ln(TT with / TT without), in per cent, over the plans"
+    " where both arrived, with its 95 % interval (Student's t)."
+)
+GATED: Final = tuple(
+    replace(like, name=f"{robot} {like.sensors}", robot=robot)
+    for like in (Cell("", ""), LOCALIZED)
+    for robot in ("pioneer-2dx", "jackal", "turtlebot4")
+)
+OPEN: Final = "no-gate"
+
+
+def _gated(context: Context) -> list[tuple[Cell, int]]:
+    """Pairs, by seed first, so an interrupted run has them for its first seeds."""
+    path = context.out / f"{OPEN}.toml"
+    path.write_text("[robot]\nreflex = false\n", encoding="utf-8")
+    plans = zip(context.found["plans"], context.seeds, strict=True)
+    return [
+        (replace(like, name=f"{like.name} {arm}{p.stem}", scenario=str(p), parameters=given), seed)
+        for p, seed in plans
+        for like in GATED
+        for arm, given in (("", None), (f"{OPEN} ", str(path)))
+    ]
+
+
+def _price(context: Context) -> str:
+    rows = []
+    for like in GATED:
+        with_, without = (
+            [one for one in context.found["runs"] if one.cell.startswith(f"{like.name} {begins}")]
+            for begins in ("plan-", OPEN)
+        )
+        pairs = [(a, b) for a, b in zip(with_, without, strict=True) if a.arrived and b.arrived]
+        ratio = spread([log(a.tt_s / b.tt_s) for a, b in pairs])
+        price = [100.0 * expm1(x) for x in (ratio.mean, ratio.low, ratio.high)] if ratio else []
+        shares = [
+            f"{counts(arm)[what]}" for what in ("reached", "touched") for arm in (with_, without)
+        ]
+        mean, *ends = (f"{x:.1f}" for x in price) if price else ("-",)
+        rows.append((like.name, len(with_), *shares, len(pairs), f"{mean} [{', '.join(ends)}]"))
+    head = ("robot, sensors", "plans", "reached", "... without", "touched", "... without")
+    return table((*head, "pairs", "price % [95 %]"), rows)
+
+
+GATE: Final = Experiment(
+    note=GATE_NOTE,
+    parts=(
+        Part("plans", plan_of, lambda c: _tasks(c, 0), None),
+        Part("runs", drive, _gated),
+    ),
+    report=_price,
+    runs=100,
+    first_seed=820_000,
+)
 
 # Maps of other formats ----------------------------------------------------------------------------
 

@@ -192,13 +192,23 @@ def run_planted(args: Options) -> int:
     among(only.variant, only.scenario, only.robot)  # raises here, not in a worker
     # Faults excuse a robot from much, so every second seed is without.
     tasks = [
-        series.Task(seed, lasts, only, each, calm=seed % 2 == 1) for each in names for seed in seeds
+        series.Task(seed, lasts, only, each, calm=seed % 2 == 1) for seed in seeds for each in names
     ]
 
+    try:
+        kept = series.kept(args.out / series.PLANTED, series.Task.run)
+    except OSError as error:
+        raise FailedError(f"cannot keep results in {args.out}: {error}") from None
+    known = kept.read(list(map(repr, tasks)))
+    for at, outcome in known.items():
+        found[tasks[at].planted].add(outcome)
+
     def done(task: series.Task, outcome: Outcome) -> None:
+        kept.add(repr(task), outcome)
         found[task.planted].add(outcome)
 
-    complete = over(series.Task.run, tasks, args.series.processes, "seeds", done)
+    missing = [task for at, task in enumerate(tasks) if at not in known]
+    complete = over(series.Task.run, missing, args.series.processes, "seeds", done)
     if args.series.json:
         print(json.dumps({each or "none": vars(of) for each, of in found.items()}))
     else:

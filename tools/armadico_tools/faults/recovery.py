@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import hypot, inf
+from math import degrees, hypot, inf
 
 from armadico.core.messages import RobotState
 from armadico.mobile.geometry import wrap
@@ -24,8 +24,8 @@ CRAWL_M, CRAWL_RAD = 0.005, 0.02
 FORGOTTEN_S = 2.0
 """A restarted interface agent receives the mission within this, in a whole network, s."""
 
-SAME_M = 0.01
-"""A goal keeps its place within this, m."""
+SAME_M, SAME_RAD = 0.01, 0.01
+"""A goal keeps its place within this, m, and its heading, rad."""
 
 TURN_S = 1.0
 """In a whole network every contender has a turn within this, s."""
@@ -196,9 +196,11 @@ class Goes:
                 return
             end = path.waypoints[-1]
             off = hypot(end.x - asked.goal.x, end.y - asked.goal.y)
-            if off > SAME_M:
+            turned = abs(wrap(end.theta - asked.goal.theta))
+            if off > SAME_M or turned > SAME_RAD:
                 self._asked = None
-                yield f"its path ends {off:.2f} m from the goal that was asked for"
+                off_goal = f"{off:.2f} m and {degrees(turned):.0f} degrees"
+                yield f"its path ends {off_goal} from the goal that was asked for"
 
 
 def _says_why(now: Record) -> bool:

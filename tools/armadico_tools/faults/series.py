@@ -7,20 +7,24 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar
 
 from msgspec import Struct, json, structs
 
+from armadico.observe.conditions import source_hash
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.plan import Case, Outcome
 from armadico_tools.faults.shrink import Shrinker
 from armadico_tools.faults.sightings import Sight
 from armadico_tools.faults.workload import case_of, run, when_broken
-from armadico_tools.results import Rows
+from armadico_tools.results import Kept, Rows
 
 if TYPE_CHECKING:
     from armadico_tools.faults.trials import Trial
 
+T = TypeVar("T")
+
+PLANTED: Final = "planted.csv"
 SEEDS: Final = "seeds.csv"
 TRIALS: Final = "trials.csv"
 
@@ -245,6 +249,11 @@ class Ledger:
 
     def _mine(self) -> list[Ran]:
         return [ran for ran in self._rows.read() if ran.commit == self._commit]
+
+
+def kept(path: Path, function: Callable[..., T]) -> Kept[T]:
+    """Stored results of a function of this package, for this code. Raises OSError."""
+    return Kept(path, function, source_hash(*sorted(Path(__file__).parent.glob("*.py"))))
 
 
 def smallest(
