@@ -287,6 +287,7 @@ def graphics() -> Iterator[Finding]:
 
 def society(chosen: options.Mesh) -> Iterator[Finding]:
     """The diagnosis of the society, if the mesh can be joined."""
+    from armadico.observe.diagnosis import of_keys
     from armadico.observe.watching import Observer
 
     joined, demand = chosen.join(starts=True), chosen.demand()
@@ -305,6 +306,7 @@ def society(chosen: options.Mesh) -> Iterator[Finding]:
         yield Finding(Sort.UNREACHABLE, "mesh", what, todo or _starts(demand))
     else:
         yield open_question(Sort.UNREACHABLE, "mesh", what, todo or UP)
+    yield from of_keys(demand)
     yield from routers(chosen)
 
 

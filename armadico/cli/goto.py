@@ -167,7 +167,9 @@ def _sent(client: Client, args: Options) -> Mission:
             if time.monotonic() >= end or not (client.alive and _starts(client, args)):
                 raise
             if said != (said := options.shown(error.args[0])):
-                options.report(f"waiting for the society to start: {said}")
+                refused = isinstance(error, MissionRefusedError)
+                what = "the goal is refused" if refused else "waiting for the society to start"
+                options.report(f"{what}: {said}{'; asking again' if refused else ''}")
             client.wait_for(lambda: None, AGAIN_S)
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.parsing import group
 from armadico.core.config_errors import ConfigError
+
+if TYPE_CHECKING:
+    from armadico.mesh.sockets import Stopped
 
 REPAIR: Final = "Look at the robot; `armadico why --live` tells more"
 
@@ -19,6 +22,16 @@ TIMEOUT_S: Final = 5.0
 class Options:
     timeout: float = options.timeout_option("wait at most so long", TIMEOUT_S)
     mesh: options.Mesh = group(options.Mesh, "the mesh")
+
+
+def _unseen(told: Stopped | None) -> None:
+    """Report what is known of a stop while no state of the robot confirms it."""
+    if told is not None and told.latched:
+        options.report(
+            f"the robot agent (process {told.pid}) has latched the stop; no state of the robot"
+            " arrives, so its controller does not answer, and it is not known whether the wheels"
+            " rest. Still waiting"
+        )
 
 
 def latch(args: Options, *, stopped: bool, code: str | None = None) -> int:
@@ -53,7 +66,7 @@ def latch(args: Options, *, stopped: bool, code: str | None = None) -> int:
             if guard is not None and not mesh.wait_joined(min(options.JOIN_S, args.timeout)):
                 raise AbsentError("the guard alone has the stop")
             if stopped:
-                client.stop(args.timeout, by="armadico stop")
+                client.stop(args.timeout, by="armadico stop", unseen=lambda: _unseen(told))
             else:
                 client.resume(args.timeout, by="armadico resume", code=code)
         except AbsentError:

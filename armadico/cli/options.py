@@ -222,7 +222,7 @@ class Mesh:
         with suppress(ConfigError, TopologyError):  # joining names what is wrong with keys
             door = self.endpoints().door()
             if door is not None:
-                return Demand(hosts, digest, providers, port, door.ending)
+                return Demand(hosts, digest, providers, port, door.ending, lambda: door.doubts(()))
         return Demand(hosts, digest, providers, port)
 
 

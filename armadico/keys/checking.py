@@ -10,7 +10,7 @@ from typing import Final
 from armadico.core.config_errors import ConfigError
 from armadico.keys.authority import Facts, KeyFileError, facts, is_issued_by, is_pair
 from armadico.keys.expiry import shown
-from armadico.keys.store import MEMBERS, Identity, Member, Store, check_private
+from armadico.keys.store import Identity, Member, Store, check_private
 from armadico.mesh.door import ROBOT
 
 SOON: Final = timedelta(hours=1)
@@ -35,7 +35,11 @@ class Checks:
                 check_private(self._store.authority_key)
         except ConfigError as error:
             yield str(error)
-        listed = self._store.members() if (self._store.folder / MEMBERS).exists() else {}
+        listed: Mapping[str, Member] = {}
+        try:
+            listed = self._store.members_here()
+        except ConfigError as error:
+            yield str(error)
         for identity in self._store.identities():
             found = True
             yield from self.of(identity)

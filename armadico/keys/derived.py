@@ -111,7 +111,14 @@ def contradictions(stored: Table, derived: Table, among: Collection[str] = ()) -
 
 
 def doubts(store: Store, namespace: str, labels: Iterable[Sequence[str]]) -> Iterator[str]:
-    """Yield how the stored rights of processes differ from the classes of their agents."""
+    """Yield how the stored rights of processes differ from the classes of their agents.
+
+    And which of the files that the robot's router needs cannot be read, also without processes.
+    """
+    try:
+        store.members_here()
+    except ConfigError as error:
+        yield str(error)
     try:
         stored = load(store, namespace)
         names = dict.fromkeys(store.of_agents(namespace, label) for label in labels)
@@ -120,6 +127,8 @@ def doubts(store: Store, namespace: str, labels: Iterable[Sequence[str]]) -> Ite
             for name in names
             if name in stored.speakers
         ]
+        if not members:
+            return
         now = derive(members, namespace)
     except ConfigError as error:
         yield str(error)

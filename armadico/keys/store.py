@@ -208,8 +208,16 @@ class Store:
             rows = json.loads(path.read_text(encoding="utf-8"))
             found = [_member(row) for row in rows]
         except (ValueError, TypeError) as error:
-            raise ConfigError(f"cannot be read: {error}", path) from None
+            raise ConfigError(
+                f"cannot be read: {error}; restore it from a copy, such as the archive for the"
+                " robot's computer; without it no identity is admitted or revoked",
+                path,
+            ) from None
         return {member.name: member for member in found}
+
+    def members_here(self) -> dict[str, Member]:
+        """Every identity by name where the list is; none on other computers."""
+        return self.members() if (self.folder / MEMBERS).exists() else {}
 
     def save_members(self, members: Mapping[str, Member]) -> None:
         rows = [asdict(member) for _, member in sorted(members.items())]

@@ -65,6 +65,7 @@ SILENCE_S: Final = 5.0  # timeout of the mission's status, after which its agent
 # speed brakes for 3 s.
 STOP_S: Final = 5.0
 PRESS_S: Final = 0.1  # period of publishing a stop, s
+UNSEEN_S: Final = 0.5  # without a state of the robot for so long a stop is unconfirmed, s
 
 
 def heading_to(x: float, y: float, pose: Pose | Waypoint | None) -> float:
@@ -286,7 +287,13 @@ class Client:
                 raise MissionRefusedError(reply.refusal)
             self.wait_for(lambda: None, REFUSED_S)
 
-    def stop(self, timeout: float = STOP_S, *, by: str = "a guest") -> None:
+    def stop(
+        self,
+        timeout: float = STOP_S,
+        *,
+        by: str = "a guest",
+        unseen: Callable[[], None] = lambda: None,
+    ) -> None:
         """Stop the robot; return once the stop is latched and the wheels rest.
 
         It stays stopped until it is released (`resume`), also if processes end or restart.
@@ -294,12 +301,13 @@ class Client:
         Args:
             timeout: The time for finding the robot agent and braking, s.
             by: The person or program, for people.
+            unseen: Called once if no state of the robot arrives within `UNSEEN_S`.
 
         Raises:
             AbsentError: No robot answers.
             StopError: It was not acknowledged, or the wheels still turn.
         """
-        self._latch(stopped=True, by=by, timeout=timeout)
+        self._latch(stopped=True, by=by, timeout=timeout, unseen=unseen)
 
     def resume(
         self, timeout: float = STOP_S, *, by: str = "a guest", code: str | None = None
@@ -474,7 +482,15 @@ class Client:
         finally:
             self._delivering -= 1
 
-    def _latch(self, *, stopped: bool, by: str, timeout: float, code: str | None = None) -> None:
+    def _latch(
+        self,
+        *,
+        stopped: bool,
+        by: str,
+        timeout: float,
+        code: str | None = None,
+        unseen: Callable[[], None] | None = None,
+    ) -> None:
         """Stop or release the robot. Raises AbsentError or StopError."""
         press = random.SystemRandom().getrandbits(63)
         latching = Latching(stopped=stopped, by=by, press=press, code=code)
@@ -486,8 +502,13 @@ class Client:
                 latching.on_robot_state(state, self.mesh.now())
             return latching.done or bool(latching.refusal)
 
-        end = self.mesh.now() + timeout
+        begun = self.mesh.now()
+        end = begun + timeout
         while not self.wait_for(over, 0.0) and self.mesh.now() < end:
+            if unseen is not None and self.mesh.now() - begun >= UNSEEN_S:
+                if latching.known is None:
+                    unseen()
+                unseen = None
             message = latching.message()
             if message is not None:
                 self.publish(message)

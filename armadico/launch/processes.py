@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from math import degrees
@@ -23,6 +23,7 @@ import msgspec
 from armadico.core.discovery import owners
 from armadico.core.resources import WHEELS
 from armadico.launch.programs import LAUNCHER, Program, end, finish
+from armadico.mesh.sockets import RUNTIME_VARIABLE
 from armadico.runtime.errors import RunFailedError
 
 if TYPE_CHECKING:
@@ -229,19 +230,21 @@ def orphans(namespace: str) -> list[tuple[str, psutil.Process]]:
     """(label, process) of this user's processes in a namespace that have outlived their launcher.
 
     Such a process has its launcher's id in its environment, and another parent. Processes started
-    by hand have no such id. A tied process can be among them if it hangs.
+    by hand have no such id. A tied process can be among them if it hangs. One with another folder
+    of sockets is of another society, also in a namespace of the same name.
     """
     import psutil
 
-    found = []
+    found, here = [], _sockets(os.environ)
     for process in psutil.process_iter():
         with suppress(psutil.Error):
             words = process.cmdline()
             at = words.index("-m") + 1 if "-m" in words else 0
             if words[at : at + 1] not in (["armadico"], [TIED]):
                 continue
-            launcher = process.environ().get(LAUNCHER)
-            ours = process.uids().real == os.getuid()
+            environ = process.environ()
+            launcher = environ.get(LAUNCHER)
+            ours = process.uids().real == os.getuid() and _sockets(environ) == here
             if not ours or launcher is None or int(launcher) == process.ppid():
                 continue
             rest = words[at + 4 if words[at] == TIED else at + 1 :]
@@ -252,6 +255,14 @@ def orphans(namespace: str) -> list[tuple[str, psutil.Process]]:
                 if rest[at + 1] == namespace:
                     found.append(("+".join(rest[1:at]), process))
     return found
+
+
+def _sockets(environ: Mapping[str, str]) -> str:
+    """The folder of sockets that an environment names, as `armadico.mesh.sockets.folder` reads it.
+
+    It need not exist any more: that of a login is removed with it.
+    """
+    return environ.get(RUNTIME_VARIABLE) or environ.get("TMPDIR", "")
 
 
 def end_in_order(processes: Sequence[Process]) -> None:

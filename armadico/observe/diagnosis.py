@@ -67,7 +67,7 @@ def diagnose(view: View, demand: Demand = NOTHING, now: float = 0.0) -> tuple[Fi
         for each in check(case):
             found.setdefault((each.sort, each.who), each)
     # Behind a root the other checks would only name consequences.
-    for check in (_simulators, _open, _expiry) if found else CHECKS:
+    for check in (_simulators, _open, _keys, _expiry) if found else CHECKS:
         for each in check(case):
             found.setdefault((each.sort, each.who), each)
     return tuple(found.values())
@@ -331,6 +331,17 @@ def _open(case: _Case) -> Iterator[Finding]:
         yield fine(Sort.OPEN, case.demand.open, what, "`armadico keys init --help` closes it")
 
 
+def _keys(case: _Case) -> Iterator[Finding]:
+    yield from of_keys(case.demand)
+
+
+def of_keys(demand: Demand) -> Iterator[Finding]:
+    """The files of keys on this computer that cannot be read, with or without a society."""
+    for what in demand.unread():
+        file, _, _ = what.partition(": ")
+        yield Finding(Sort.KEYS, file, what, "`armadico keys check` checks this computer's keys")
+
+
 def _expiry(case: _Case) -> Iterator[Finding]:
     for name, left in case.demand.ending().items():
         when = f"expires in {left / 60:.0f} min" if left > 0 else "has expired"
@@ -499,7 +510,7 @@ Check = Callable[[_Case], Iterator[Finding]]
 ROOTS: Final[tuple[Check, ...]] = (_router, _nobody, _deaf)
 
 CHECKS: Final[tuple[Check, ...]] = (
-    *(_hosts, _agents, _versions, _tables, _twice, _simulators, _open, _expiry, _faults),
+    *(_hosts, _agents, _versions, _tables, _twice, _simulators, _open, _keys, _expiry, _faults),
     *(_standing, _late, _by_hand, _robot, _pose, _rates, _promises, _monitors, _clocks),
 )
 

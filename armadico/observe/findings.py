@@ -64,6 +64,7 @@ class Sort(StrEnum):
     MONITOR = "monitor"
     ACTION = "action"  # the last action of the active monitor, or of a host, with the evidence
     PROMISE = "promise"  # a monitor found that the society did not do what it promises
+    KEYS = "keys"  # a file of keys on this computer cannot be read
     EXPIRY = "expiry"  # a certificate is about to expire, and was not renewed
     OPEN = "open"  # the robot's port is open to every program that reaches it
     MACHINE = "machine"  # this machine: packages, ports, memory, disk
@@ -133,6 +134,7 @@ class Demand:
         open: The endpoint of the robot's router, if any program that reaches it may drive; empty:
             none, or not known.
         ending: Returns the certificates that soon end a link, and in how many seconds.
+        unread: Returns which files of keys on this computer cannot be read, a sentence each.
         installed: Candidates for missing agents. A new observer has no cards of agents that ended
             before it started.
     """
@@ -142,6 +144,7 @@ class Demand:
     installed: Installed = lambda _: ()
     open: str = ""
     ending: Callable[[], Mapping[str, float]] = dict
+    unread: Callable[[], Sequence[str]] = tuple
 
     def host_of(self, agent: str) -> str:
         """The first host that should run an agent; empty if none."""

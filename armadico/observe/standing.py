@@ -406,9 +406,11 @@ class _Chain:
             return self._not_arriving(key, instance, alive)
         if not alive:
             return self._unprovided(key)
-        since = f"for {self.silence(key):.1f} s" if key in self.view.rates else "so far"
+        # Without one since this observer began, nothing is known of the time before.
+        since = min(self.silence(key), self.view.age(self.now))
         names = ", ".join(map(agent_of, alive))
-        self.add(f"{names} provides {key} and is alive, but has published none {since}.")
+        what = f"{names} provides {key} and is alive, but none was received for {since:.1f} s"
+        self.add(f"{what}{'' if key in self.view.rates else ', since this observation began'}.")
         for needed in self._inputs(alive[0]):
             before = self._last(needed) <= self._last(key)
             if needed not in self._followed and self.silent(needed) and before:

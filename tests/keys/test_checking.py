@@ -8,6 +8,7 @@ import pytest
 
 from armadico.keys.authority import Pair, create, issue
 from armadico.keys.checking import Checks
+from armadico.keys.derived import doubts
 from armadico.keys.issuing import Issuer
 from armadico.keys.store import Identity
 from tests.keys.labs import NOW, lab_in
@@ -95,6 +96,21 @@ def test_a_spoilt_key_is_named(
     spoil(issuer, goto)
     assert any(words in line for line in faults(issuer, goto)), faults(issuer, goto)
     assert any(words in line for line in Checks(issuer.store, NOW).everything())
+
+
+@pytest.mark.parametrize("name", ["members.json", "robot1/rights.json"])
+def test_a_list_or_table_that_was_cut_is_named_and_all_else_is_checked(
+    issuer: Issuer, goto: Identity, name: str
+) -> None:
+    file = issuer.store.folder / name
+    file.write_bytes(file.read_bytes()[:-40])
+    goto.private.chmod(0o604)
+    found = list(Checks(issuer.store, NOW).everything())
+    assert any(line.startswith(f"{goto.private}: other users") for line in found), found
+    assert any(line.startswith(f"{file}: cannot be read") for line in found), found
+    (shown,) = doubts(issuer.store, "robot1", ())  # of `ps` and `doctor`
+    assert shown.startswith(f"{file}: cannot be read")
+    assert "armadico keys" in shown or "archive" in shown
 
 
 def test_a_revoked_key_and_one_from_before_it_was_issued_again_are_named(issuer: Issuer) -> None:

@@ -20,6 +20,7 @@ from armadico.observe.findings import Demand, Finding, Sort
 from armadico.observe.standing import standing
 from armadico.observe.view import View
 from armadico.watch.why import Chronicle
+from tests.watch.broken import cut
 from tests.watch.observed import Observed
 
 
@@ -230,3 +231,15 @@ def test_an_input_that_has_just_returned_is_not_reported_as_missing() -> None:
     sorts = {cause.sort for cause in found if cause is not None}
     assert len(found) < 60
     assert sorts == {Sort.ABSENT, Sort.STARTING}
+
+
+def test_a_new_observer_says_nothing_of_what_was_published_before_it_began() -> None:
+    society = Observed().drive()
+    cut(("device",), ("robot",))(society)
+    society.let_pass(3.0)
+    society.chronicle = Chronicle()
+    found = society.let_pass(5.0).standing
+    (said,) = (each for each in found.sentences if "robot provides robot/state" in each)
+    assert said.endswith("none was received for 4.9 s, since this observation began.")
+    assert found.cause is not None
+    assert found.cause.sort is Sort.DEVICE

@@ -35,6 +35,7 @@ def run(args: Options) -> int:
 
     table, store, where = args.society.table, args.society.store, args.society.where
     namespace = checked_namespace(args.society.namespace)
+    before = set[str]()
     if args.anew or not store.authority.exists():
         pair = create(socket.gethostname(), now())
         store.begin(pair.certificate, pair.private)
@@ -43,13 +44,24 @@ def run(args: Options) -> int:
             f"{store.folder} has keys of an authority of another computer; `armadico keys host`"
             " there makes new ones, and --anew here another authority"
         )
+    else:
+        before = {identity.name for identity in store.identities()}
+        print(
+            f"{store.folder}: the authority exists already and was left alone, so keys of other"
+            " computers stay valid; --anew replaces it"
+        )
     users = args.society.users(args.person)
     issuer = issuer_of(args.society, args.hours)
     if where.name is None:  # it only issues, and its users command
         members = tuple(member for user in users for member in for_person(namespace, user))
     else:
         members = of_host(table, where.name, namespace, users)
-    given_out(issuer, members, None, args.society)
+    given = {member.name for member in given_out(issuer, members, None, args.society)}
+    if before:
+        print(
+            f"of the {len(before)} keys that existed here, {len(before & given)} were made anew and"
+            f" {len(before - given)} left alone"
+        )
     here = "no host" if where.name is None else f"the host {where.name}"
     print(f"this computer is {here} of {table.file}")
     for name in (name for name in table.hosts if name != where.name):

@@ -12,13 +12,16 @@ import psutil
 import pytest
 
 from armadico.launch.processes import Process, orphans
+from armadico.mesh.sockets import RUNTIME_VARIABLE
 
 SOON = 20.0
 NAMESPACE = f"orphans-{os.getpid()}"
 
 
 @pytest.mark.parametrize("tied", [False, True])
-def test_one_that_hangs_when_its_launcher_is_killed_is_found(tmp_path: Path, tied: bool) -> None:
+def test_one_that_hangs_when_its_launcher_is_killed_is_found(
+    tmp_path: Path, tied: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A process that was tied to its launcher leaves by itself, but for one that cannot."""
     words = ["agent", "goto", "--namespace", NAMESPACE]
     script = (
@@ -38,6 +41,8 @@ def test_one_that_hangs_when_its_launcher_is_killed_is_found(tmp_path: Path, tie
         launcher.send_signal(signal.SIGKILL)
     try:
         assert [(name, found.pid) for name, found in orphans(NAMESPACE)] == [("goto", orphan.pid)]
+        monkeypatch.setenv(RUNTIME_VARIABLE, str(tmp_path))
+        assert orphans(NAMESPACE) == [], "it is of a society with another folder of sockets"
     finally:
         orphan.kill()
         psutil.wait_procs([orphan], timeout=SOON)

@@ -67,6 +67,16 @@ def test_an_open_port_is_shown_with_all_other_findings_and_is_not_wrong() -> Non
         assert not any(each.sort is Sort.OPEN for each in diagnose(view, Demand()))
 
 
+def test_a_file_of_keys_that_cannot_be_read_is_wrong_and_named() -> None:
+    what = "keys/members.json: cannot be read: cut"
+    for view in (View(), seen(card("goto", "lab2"))):
+        findings = diagnose(view, Demand(unread=lambda: (what,)))
+        (found,) = (each for each in findings if each.sort is Sort.KEYS)
+        assert (found.answer, found.who) == (Answer.NO, "keys/members.json")
+        assert f"wrong: {found}" in short(findings)
+        assert not any(each.sort is Sort.KEYS for each in diagnose(view, Demand()))
+
+
 def test_a_certificate_that_is_not_renewed_is_wrong_and_says_when_it_expires() -> None:
     for view in (View(), seen(card("goto", "lab2"))):
         demand = Demand(ending=lambda: {"robot1/goto": 2400.0, "robot1/avoid": -1.0})

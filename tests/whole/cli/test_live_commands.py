@@ -82,11 +82,13 @@ def robot(start: Start) -> None:
     simulated(start)
 
 
-def simulated(start: Start) -> None:
+def simulated(start: Start) -> subprocess.Popen[str]:
+    """Start a simulator and its robot agent; returns the simulator."""
     simulator = start("sim", "empty", "--port", "0", "--start", "0", "0", "0")
     assert simulator.stdout is not None
     where = "tcp://" + simulator.stdout.readline().partition("tcp://")[2].partition(";")[0]
     start("robot", "--set", f"port={where}", program="armadico-agent")
+    return simulator
 
 
 @pytest.fixture
@@ -151,6 +153,23 @@ def test_a_stop_by_signal_is_latched_and_needs_no_connection(
         )
     assert state
     assert state.stop.requester == "armadico stop"
+
+
+def test_a_stop_beside_a_hung_controller_tells_what_is_known_while_it_waits(
+    run: Run, start: Start
+) -> None:
+    simulator = simulated(start)
+    who(run, "robot")
+    simulator.send_signal(signal.SIGSTOP)
+    try:
+        done = run("stop", "--timeout", "2")
+    finally:
+        simulator.send_signal(signal.SIGCONT)
+    assert done.returncode == 3, done.stderr
+    first, last = done.stderr.splitlines()
+    assert "has latched the stop" in first
+    assert "its controller does not answer" in first
+    assert "no state of the robot confirms it" in last
 
 
 @pytest.mark.long
@@ -431,7 +450,7 @@ def test_a_goal_given_too_early_waits_and_a_robot_that_stands_is_explained(
         assert sent.stdout is not None
         assert sent.stderr is not None
         try:
-            waits = "waiting for the society to start: the robot's pose is not known"
+            waits = "the goal is refused: the robot's pose is not known"
             assert any(waits in line for line in sent.stderr)  # maybe not first
             start("encoder", program="armadico-agent")
             said = next((line for line in sent.stdout if "->" in line), "")
