@@ -156,6 +156,43 @@ def test_a_recording_that_ends_while_the_robot_is_silent_does_not_pass(
     assert all("received to the end" in each["what"] for each in found["promises"])
 
 
+@pytest.mark.parametrize(
+    ("thinned", "only", "what"),
+    [
+        ("resource/wheels/ack", "one-driver", "67% of Ack missing"),
+        ("encoder/pose", "pose", "67% of Pose missing"),
+    ],
+)
+def test_two_of_three_messages_that_come_each_cycle_are_missed(
+    recording: Path, audit: Audit, tmp_path: Path, thinned: str, only: str, what: str
+) -> None:
+    thin = tmp_path / "thin.mcap"
+    kept, number = Recording(thin), 0
+    for row in rows(recording, pytest.fail):
+        number += row.key == thinned
+        if (row.key != thinned or number % 3 == 0) and (message := row.received) is not None:
+            kept.add(Received(row.namespace, row.key, encode(message), row.t))
+    kept.close()
+    code, found = audit(thin, "--only", only)
+    assert (code, found["findings"], found["unread"]) == (3, [], [])
+    assert what in found["promises"][0]["what"]
+    assert audit(thin, "--only", "collision")[0] == 0, "it needs none of them"
+
+
+def test_without_any_card_it_is_not_known_that_there_was_no_map(
+    recording: Path, audit: Audit, tmp_path: Path
+) -> None:
+    unmet = tmp_path / "unmet.mcap"
+    kept = Recording(unmet)
+    for row in rows(recording, pytest.fail):
+        if not row.key.endswith("/card") and (message := row.received) is not None:
+            kept.add(Received(row.namespace, row.key, encode(message), row.t))
+    kept.close()
+    code, found = audit(unmet, "--only", "path")
+    assert (code, found["promises"][0]["occasion"]) == (3, True)
+    assert "card" in found["promises"][0]["what"]
+
+
 def test_a_recording_of_another_protocol_or_of_several_robots_is_not_judged(
     audit: Audit, tmp_path: Path
 ) -> None:

@@ -29,10 +29,10 @@ def run(main: Callable[[list[str]], int], capsys: Capture, *words: str) -> str:
 
 
 def test_it_is_audited(capsys: Capture) -> None:
-    found = {
-        each["promise"]: each for each in json.loads(run(audit.main, capsys, "--json"))["promises"]
-    }
+    judged = json.loads(run(audit.main, capsys, "--json"))
+    found = {each["promise"]: each for each in judged["promises"]}
     assert found["one-driver"]["answer"] == "yes"
+    assert [note.split(",")[0] for note in judged["notes"]] == ["recorded with protocol 2"]
 
 
 def test_why_names_the_agent_that_drove(capsys: Capture) -> None:

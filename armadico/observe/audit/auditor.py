@@ -8,10 +8,11 @@ from math import inf
 from typing import Final
 
 from armadico.core.judgement import Answer
-from armadico.core.messages import Ack, Command, Message, RobotState
+from armadico.core.messages import Ack, Command, Cycle, Message, RobotState
 from armadico.core.resources import WHEELS
 from armadico.core.services import derived, service_of
-from armadico.mobile.messages import MissionStatus, Scan, Sonar, Trajectory, Truth
+from armadico.mobile.messages import MissionStatus, Pose, Scan, Sonar, Trajectory, Truth
+from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.scans import is_readable
 from armadico.observe.audit.chart import Chart, Wall
 from armadico.observe.audit.contacts import Touched
@@ -58,7 +59,12 @@ together do not end at the same moment."""
 
 MISSING: Final = 0.2
 """If more of the robot's states than this share are missing, nothing counts as kept. A speed,
-a stop or a change of the agent that drives may lie between the others."""
+a stop or a change of the agent that drives may lie between the others. If others of `EACH_CYCLE`
+are, what needs them does not."""
+
+EACH_CYCLE: Final = (RobotState, Ack, Pose, Scan, Obstacles)
+"""Messages that come once a cycle (docs/protocol.md), so that the numbers of cycles tell how many
+are missing. Of several sensors' obstacles the first of a cycle counts."""
 
 FASTER: Final = 2.0
 """Cycles that pass faster than the robot's by this factor have a clock that is not the robot's."""
@@ -97,8 +103,9 @@ class Auditor:
         self._seen: dict[type[Message], float] = {}  # when each kind was last received, s
         self._driven = False  # there was a mission, so it must have had a path
         self._held = False  # an agent was obeyed, so it must have commanded
-        self._states = self._cycles = 0  # received, and that there were from the first to the last
-        self._lasted_s = 0.0  # from the first of those to the last, by the observer's clock
+        # Of a kind the newest cycle, and how many were received and passed from the first to it.
+        self._counts: dict[type[Message], tuple[Cycle, int, int]] = {}
+        self._lasted_s = 0.0  # from the first state to the last, by the observer's clock
 
     def without(self, excuse: Excuse) -> Auditor:
         """A new auditor with the same rules and map that does not accept an excuse."""
@@ -121,10 +128,11 @@ class Auditor:
             return []
         if isinstance(message, Scan) and not is_readable(message):
             return []
-        if not isinstance(message, Ack) or message.resource == WHEELS.name:
+        of_wheels = not isinstance(message, Ack) or message.resource == WHEELS.name
+        if of_wheels:
             self._seen[type(message)] = max(at, self.scene.now)
         self.scene.update(at, message)
-        if isinstance(message, RobotState):
+        if of_wheels and isinstance(message, EACH_CYCLE):
             self._count(message)
         self._driven = self._driven or self.scene.driving
         self._held = self._held or bool(self.scene.holder)
@@ -141,21 +149,31 @@ class Auditor:
         """From now on the observer knows of a disturbance that excuses outcomes; "": of none."""
         self.scene.disturbed = why
 
-    def _count(self, state: RobotState) -> None:
-        before = self.scene.before
-        if before is not None and before.cycle.epoch == state.cycle.epoch:
-            self._states += 1
-            self._cycles += max(0, state.cycle.number - before.cycle.number)
-            self._lasted_s += self.scene.state_gap_s
+    def _count(self, message: RobotState | Ack | Pose | Scan | Obstacles) -> None:
+        kind, cycle = type(message), message.cycle
+        before, received, passed = self._counts.get(kind, (cycle, 0, 0))
+        if before.epoch == cycle.epoch:
+            further = cycle.number - before.number
+            if further <= 0 and kind in self._counts:
+                return
+            if further > 0:
+                received, passed = received + 1, passed + further
+                self._lasted_s += self.scene.state_gap_s if kind is RobotState else 0.0
+        self._counts[kind] = cycle, received, passed
+
+    def _missing(self, kind: type[Message]) -> float:
+        """The share of a kind's messages that was not received; 0 if it is not known."""
+        _, received, passed = self._counts.get(kind, (None, 0, 0))
+        return 1.0 - received / passed if passed else 0.0
 
     @property
     def doubts(self) -> list[str]:
         """Why nothing that seems kept is known to be, a sentence each."""
         found, about = [], self.scene.description
-        missing = 1.0 - self._states / self._cycles if self._cycles else 0.0
-        if missing > MISSING:
+        if (missing := self._missing(RobotState)) > MISSING:
             found.append(f"{missing:.0%} of the robot's states are missing")
-        cycles_s = 0.0 if about is None else self._cycles * about.cycle_s
+        _, _, passed = self._counts.get(RobotState, (None, 0, 0))
+        cycles_s = 0.0 if about is None else passed * about.cycle_s
         if cycles_s > FASTER * self._lasted_s > 0.0:
             found.append(
                 f"the robot's cycles of {cycles_s:.1f} s came within {self._lasted_s:.1f} s: these"
@@ -184,18 +202,26 @@ class Auditor:
         if lacking:
             what = f"not checked: no {', '.join(lacking)} received"
         elif uncharted:
-            what = "not checked: the robot's map is not known"
+            unmet = "" if self.scene.mapped is not None else ", as no agent's card was received"
+            what = f"not checked: the robot's map is not known{unmet}"
         elif not rule.checked:
             what = "not checked: there was no occasion"
         elif rule.pending:
             what = f"not checked: {rule.pending}"
-        elif ended := self._ended(rule):
-            return rule.found(self.scene, "", ended, answer=Answer.UNKNOWN)
+        elif lacks := self._thin(rule) or self._ended(rule):
+            return rule.found(self.scene, "", lacks, answer=Answer.UNKNOWN)
         else:
             return rule.found(self.scene, "", "kept", answer=Answer.YES)
         found = rule.found(self.scene, "", what, answer=Answer.UNKNOWN)
-        occasion = bool(lacking) or (uncharted and self.scene.mapped) or rule.due
+        occasion = bool(lacking) or (uncharted and self.scene.mapped is not False) or rule.due
         return replace(found, occasion=occasion)
+
+    def _thin(self, rule: Rule) -> str:
+        """Which messages a rule lacks in too many cycles; "" if none."""
+        kinds = [kind for kind in EACH_CYCLE if kind in (*rule.needs, *rule.sees)]
+        shares = {kind.__name__: self._missing(kind) for kind in kinds}
+        thin = [f"{share:.0%} of {name}" for name, share in shares.items() if share > MISSING]
+        return f"not checked: {', '.join(thin)} missing" if thin else ""
 
     def _ended(self, rule: Rule) -> str:
         """Since when a rule lacks periodic messages that it received before; "" if it does not.

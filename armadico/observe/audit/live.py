@@ -21,7 +21,9 @@ MOST: Final = 8
 
 def learn(auditor: Auditor, card: Card) -> None:
     """Give an auditor the map that an agent was launched with, if it is a shipped one."""
-    if card.world and not auditor.scene.mapped:
+    if not card.world:
+        auditor.scene.mapped = bool(auditor.scene.mapped)
+    elif not auditor.scene.mapped:
         try:
             auditor.chart(load_world(card.world).outlines)
         except ConfigError:

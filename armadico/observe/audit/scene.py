@@ -66,7 +66,7 @@ class Scene:
         excuses: Those that count; others are switched off.
         needed: How often each excuse held when a rule asked for it.
         disturbed: A disturbance that the observer knows of, in words; "" without one.
-        mapped: Whether the robot was launched with a map.
+        mapped: Whether the robot was launched with a map; None: no agent's card told.
         chart: That map; None: unknown.
         v_max: The limit that a scenario or a user sets, m/s (`v_max` of goto); inf: there is none;
             None: unknown.
@@ -79,7 +79,7 @@ class Scene:
         self.needed: Counter[Excuse] = Counter()
         self.disturbed = ""
         self.v_max = v_max
-        self.mapped = False
+        self.mapped: bool | None = None
         self.chart: Chart | None = None
         self.description: Description | None = None
         self.state: RobotState | None = None

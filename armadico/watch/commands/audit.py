@@ -96,6 +96,7 @@ class _Audit:
     def __init__(self, auditor: Auditor, *, loud: bool) -> None:
         self.auditor = auditor
         self.unread: list[str] = []  # why something was not judged at all
+        self.notes: list[str] = []  # what else its reader must know
         self._loud = loud
         self._began: float | None = None
         self._at = self._heard = 0.0
@@ -163,6 +164,7 @@ class _Audit:
                 "findings": [_plain(each) for each in self.auditor.findings],
                 "promises": [_plain(each) for each in verdicts],
                 "unread": self.unread,
+                "notes": self.notes,
             }
             print(json.dumps(msgspec.to_builtins(found), indent=2))
             return verdict.exit_code
@@ -179,6 +181,8 @@ class _Audit:
             print(options.shown(f"{word:<12} {_name(each.promise)} ({each.promise}){what}"))
         for why in self.unread:
             print(options.shown(f"{_WORDS[Answer.UNKNOWN]:<12} {why}"))
+        for note in self.notes:
+            print(options.shown(f"{'note':<12} {note}"))
         counts = (sum(each.answer is answer for each in judged) for answer in _WORDS)
         words = zip(_WORDS.values(), counts, strict=True)
         without = len(verdicts) - len(tested)
@@ -249,6 +253,7 @@ def _recorded(args: Options, file: Path, audit: _Audit) -> None:
 
 def _read(args: Options, past: Past, audit: _Audit) -> None:
     """Judge a recording. Raises UsageError if it holds several robots, FailedError without one."""
+    from armadico.core.messages import PROTOCOL
     from armadico.watch.recorder import REFUSED
 
     namespace, others = args.mesh.namespace, set[str]()
@@ -272,6 +277,11 @@ def _read(args: Options, past: Past, audit: _Audit) -> None:
         of = f" of {args.mesh.namespace!r}" if args.mesh.namespace else ""
         raise FailedError(f"{past.path} holds no messages{of}")
     audit.unread += past.damage
+    if (protocol := past.about["protocol"]) != str(PROTOCOL):
+        audit.notes.append(
+            f"recorded with protocol {protocol}, whose keys do not name who published a claim, a"
+            " stop or a path: that they are of whom they say was not checked"
+        )
     if lost:
         audit.unread.append(f"{lost} messages that could not be decoded")
 

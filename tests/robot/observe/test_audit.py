@@ -237,7 +237,10 @@ def test_what_is_no_longer_received_at_the_end_leaves_its_promises_unknown(
     assert f"until {stopped_at:.1f} s" in found[unknown].what
     assert ended.__name__ in found[unknown].what
     drive.auditor.update = update  # type: ignore[method-assign]
-    assert verdicts(drive.go(1))[unknown].answer is Answer.YES, "it is received again"
+    found = verdicts(drive.go(1))
+    if ended is not Truth:  # it has no cycles, by which to count it
+        assert "61% of" in found[unknown].what, "it is received again, and most is missing"
+    assert verdicts(drive.go(40))[unknown].answer is Answer.YES
 
 
 def test_a_stop_ends_by_a_release() -> None:
