@@ -23,7 +23,8 @@ def learn(auditor: Auditor, card: Card) -> None:
     """Give an auditor the map that an agent was launched with, if it is a shipped one."""
     if card.world and not auditor.scene.mapped:
         try:
-            auditor.chart(load_world(card.world).outlines)
+            world = load_world(card.world)
+            auditor.chart(world.outlines, world)
         except ConfigError:
             auditor.chart(None)
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Iterator
 from math import degrees, hypot, inf
 from operator import itemgetter
 from typing import Final
 
+from armadico.config.worlds import World
 from armadico.core.judgement import Answer
 from armadico.core.messages import Message, RobotState
 from armadico.mobile.behaviour import FOUND_S
+from armadico.mobile.errand import Errands, StepDone
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import (
     MissionState,
@@ -57,6 +60,9 @@ up after two minutes; that it is late is another finding."""
 
 LATELY_S: Final = 10.0
 """What was seen within this time before a failure may be its cause, s."""
+
+DONE_THERE: Final = frozenset({"move", "take-photo", "check-alarm"})
+"""Tasks of missions that are done in the place that they name first."""
 
 NEARER_M: Final = 0.1
 """Coming nearer by this, m, is progress."""
@@ -309,6 +315,60 @@ def _so(off: tuple[float, float]) -> str:
 def _by(pose: Pose, off: tuple[float, float]) -> str:
     known = f"+-{pose.deviation:.2f} m" if pose.covariance else "of unknown error"
     return f"by its pose {_so(off)}, {known}"
+
+
+class Visits(Rule):
+    """A step of a mission that is done in a place of the map is done only if the robot was there.
+
+    By the truth, else as far as the pose knows.
+    """
+
+    promise = Promise.REACHED
+    needs = (Pose,)
+    sees = (Errands,)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._way: deque[tuple[float, float, float, float]] = deque()  # s; x, y, off by, m
+        self._steps: dict[int, tuple[StepDone, ...]] = {}  # that have ended, by errand
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if isinstance(message, Pose):
+            at = now.truth or message
+            self._way.append((now.now, at.x, at.y, max(REACHED_M, 3.0 * message.deviation)))
+            while now.now - self._way[0][0] > LATELY_S:
+                self._way.popleft()
+        elif isinstance(message, Errands):
+            for each in message.errands:
+                known, steps = self._steps.get(each.number), each.steps or ()
+                self._steps[each.number] = steps
+                # What ended before the first report, or is cut, cannot be judged.
+                if known is not None and steps[: len(known)] == known:
+                    for step in steps[len(known) :]:
+                        yield from self._judge(step, now)
+
+    def _judge(self, step: StepDone, now: Scene) -> Iterator[Finding]:
+        task, _, named = step.step.rstrip(")").partition("(")
+        away = _away(now.world, named.partition(", ")[0])
+        if task not in DONE_THERE or step.end != "done" or away is None or not self._way:
+            return
+        self.checked = True
+        off, may = min(
+            ((away(x, y), may) for _, x, y, may in self._way), key=lambda at: at[0] - at[1]
+        )
+        if off > may and now.excuse(Excuse.DISTURBED) is None:
+            what = f"{step.step} is done, and the robot was not there"
+            yield self.found(now, "mission-planning", what, f"{off:.1f} m away, or more")
+
+
+def _away(world: World | None, place: str) -> Callable[[float, float], float] | None:
+    """The distance of a point from a room or goal, m; None: it is no such place."""
+    if world is None:
+        return None
+    if place in world.goals:
+        x, y = world.goals[place][:2]
+        return lambda at_x, at_y: hypot(x - at_x, y - at_y)
+    return next((room.away for room in world.rooms if room.name == place), None)
 
 
 class Failed(Rule):

@@ -368,6 +368,10 @@ _INTERFACE = Fault("interface-restart", 8.0, 1.0, ("interface",))
 _IN_A_STOP = Fault("robot-restart", 10.0, 0.5, ("robot",))
 
 
+def on_a_mission(planted: str) -> Case:
+    return replace(case(scenario="surveillance", planted=planted), variant="mission")
+
+
 def with_pauses(scenario: str, planted: str) -> Case:
     """To and fro for a while, with a stop; the robot rests after each mission."""
     drive = case(_STOP, scenario=scenario, planted=planted, lasts=90.0)
@@ -437,6 +441,7 @@ BUGS = (
         )
     ),
     Bug(nothing_else, Promise.EARNED, by_laser("no-reflex")),
+    Bug(nothing_else, Promise.REACHED, on_a_mission("skips")),
 )
 
 

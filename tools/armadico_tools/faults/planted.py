@@ -19,6 +19,7 @@ from msgspec.structs import replace
 from armadico.core.agent import Agent
 from armadico.core.exchange import Bid
 from armadico.core.messages import Description, Message, RobotState
+from armadico.mobile.driven import Stage
 from armadico.mobile.messages import (
     Correction,
     MissionRequest,
@@ -378,6 +379,15 @@ def _freezes(perception: Any) -> None:
     _publishes(perception, change)
 
 
+def _skips(planning: Any) -> None:
+    def drive(method: Callable[..., None], entry: Any, wants: Any, *others: Any) -> None:
+        method(entry, wants, *others)
+        if planning.errand.stage in (Stage.PLANNING, Stage.DRIVING):
+            wants.done()
+
+    _wrap(planning, "_drive", drive)
+
+
 def _is_sure(localization: Any) -> None:
     """By readings that it does not use: it is moved, and certain."""
 
@@ -429,6 +439,7 @@ DEFECTS: Final = {
         {"sonar": _freezes, "laser": _freezes},
     ),
     "turned": Defect("the pose is turned, and certain", {"localization": _is_sure}),
+    "skips": Defect("a mission's task is done once it is under way", {"mission-planning": _skips}),
     "aside": Defect(f"a mission leads {ASIDE_M:g} m beside its goal", {"interface": _misses}),
 }
 """The defects by name."""
