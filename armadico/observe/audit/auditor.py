@@ -18,7 +18,16 @@ from armadico.observe.audit.chart import Chart, Wall
 from armadico.observe.audit.contacts import Touched
 from armadico.observe.audit.coordination import Fresh, Held, OneDriver, Ordered, Stopped
 from armadico.observe.audit.driving import Brakes, Earned, Honest, Speed, Stands, Steady, Turns
-from armadico.observe.audit.missions import Arrives, Ends, Failed, Found, Leads, Reached, Visits
+from armadico.observe.audit.missions import (
+    Arrives,
+    Doubts,
+    Ends,
+    Failed,
+    Found,
+    Leads,
+    Reached,
+    Visits,
+)
 from armadico.observe.audit.promises import Excuse, Finding
 from armadico.observe.audit.rules import Rule
 from armadico.observe.audit.scene import SHOWN, Scene
@@ -34,7 +43,7 @@ from armadico.observe.audit.sensing import (
 )
 
 RULES: Final[tuple[type[Rule], ...]] = (
-    *(Touched, Arrives, Ends, Reached, Visits, Failed, Found, Leads),
+    *(Touched, Arrives, Ends, Reached, Visits, Failed, Found, Doubts, Leads),
     *(Stands, Honest, Earned, Steady, Speed, Brakes, Turns),
     *(
         OneDriver,

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from math import degrees, hypot, inf
+from math import degrees, hypot, inf, sqrt
 from operator import itemgetter
 from typing import Final
 
 from armadico.config.worlds import World
 from armadico.core.judgement import Answer
-from armadico.core.messages import Message, RobotState
+from armadico.core.messages import Cycle, Message, RobotState
 from armadico.mobile.behaviour import FOUND_S
 from armadico.mobile.errand import Errands, StepDone
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import (
+    Correction,
     MissionState,
     MissionStatus,
     Pose,
@@ -66,6 +67,15 @@ DONE_THERE: Final = frozenset({"move", "take-photo", "check-alarm"})
 
 NEARER_M: Final = 0.1
 """Coming nearer by this, m, is progress."""
+
+FOUND_SHARE: Final = 0.25
+"""A robot that is found again has its time for being lost back by this share of the time."""
+
+CORRECTED_S: Final = 0.3
+DOUBTED, DRIVEN_M, DOUBTED_CYCLES = 1.5, 0.1, 50
+"""A pose that was corrected within the first, s, doubts by no more than the second of the
+correction's deviation, and the third, m, for the way since. So many cycles may. In five drives it
+was 1.2 of the deviation, without a way."""
 
 OFF_RAD: Final = 2.0 * REACHED_RAD
 """A heading farther off the goal's than this, rad, is not reached. Poses of the shipped scenarios,
@@ -419,32 +429,71 @@ class Failed(Rule):
 
 
 class Found(Rule):
-    """A robot that is lost on a mission finds its place again."""
+    """A robot that is lost on a mission finds its place again, and keeps it.
+
+    Being found for a moment is no new beginning: it takes back a share of its own time.
+    """
 
     promise = Promise.FOUND
     needs = (RobotState, Pose)
 
     def __init__(self) -> None:
         super().__init__()
-        self._lost_s, self._last_at = 0.0, -inf
+        self._lost_s, self._last_at, self._mission = 0.0, -inf, 0
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
         if not isinstance(message, RobotState):
             return
         dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
         self.checked = self.checked or (now.pose is not None and bool(now.pose.covariance))
+        mission = 0 if now.mission is None else now.mission.mission
+        if mission != self._mission:
+            self._mission, self._lost_s = mission, 0.0
         if not now.lost:
-            self._lost_s = 0.0
+            self._lost_s = max(self._lost_s - FOUND_SHARE * dt, 0.0)
         elif (
             now.driving
             and now.excuse(Excuse.DISTURBED, Excuse.STOPPED, Excuse.BY_HAND, Excuse.FAULT) is None
         ):
             self._lost_s += dt
             if self._lost_s > FOUND_S:
-                self._lost_s = -inf  # once, until it is found
+                self._lost_s = -inf  # once in a mission
                 assert now.pose is not None, "a pose says that it is lost"
                 what = f"lost for {FOUND_S:.0f} s on a mission"
                 yield self.found(now, "localization", what, f"+-{now.pose.deviation:.1f} m")
+
+
+class Doubts(Rule):
+    """A pose is as certain as the corrections that it follows, so no doubt is made up.
+
+    A doubt excuses from much: a robot that is lost need not drive, and an unsure end is no failure.
+    """
+
+    promise = Promise.FOUND
+    needs = (Pose,)
+    sees = (Correction,)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._known: tuple[float, Cycle, float] = -inf, Cycle(0, 0), 0.0  # s, cycle, deviation, m
+        self._cycles = 0
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if isinstance(message, Correction):
+            xx, _, _, yy, _, _ = message.covariance
+            self._known = now.now, message.cycle, sqrt(max(xx, 0.0) + max(yy, 0.0))
+        elif isinstance(message, Pose):
+            at, cycle, off = self._known
+            if now.now - at > CORRECTED_S or cycle.epoch != message.cycle.epoch:
+                return
+            self.checked = True
+            doubted = message.deviation > hypot(DOUBTED * off, DRIVEN_M)
+            self._cycles += doubted and now.excuse(Excuse.DISTURBED) is None
+            if doubted and self._cycles > DOUBTED_CYCLES and self.is_new("encoder", now):
+                what = f"says that it is known to +-{message.deviation:.2f} m"
+                yield self.found(
+                    now, "encoder", f"{what} only, where corrections are certain", f"+-{off:.2f} m"
+                )
 
 
 class Leads(Rule):

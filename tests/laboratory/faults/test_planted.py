@@ -420,6 +420,8 @@ BUGS = (
             ("half-speed", Promise.SPEED, "sc1"),
             ("stands", Promise.STANDS, "sc1"),
             ("lost", Promise.FOUND, "sc1"),
+            ("blinks", Promise.FOUND, "sc4"),
+            ("unsure", Promise.FOUND, "sc4"),
             ("flickers", Promise.STEADY, "sc1"),
             ("biased", Promise.SENSORS, "sc4"),
             ("slow-brake", Promise.BRAKES, "sc1"),

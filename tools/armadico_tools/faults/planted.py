@@ -40,6 +40,9 @@ EARLY_M: Final = 1.0
 """So far from its goal a mission counts as reached, early."""
 
 LOST_AFTER_S: Final = 20.0
+BLINKS, FOUND_CYCLES = 250, 50
+"""Of so many cycles it is lost, but for the second."""
+
 FLICKER: Final = 3
 """Cycles with a bid, and without one."""
 
@@ -164,6 +167,25 @@ def _lost(encoder: Any) -> None:
         return message
 
     _publishes(encoder, change)
+
+
+def _blinks(encoder: Any) -> None:
+    def change(message: Message) -> Message:
+        if isinstance(message, Pose) and message.cycle.number % BLINKS < FOUND_CYCLES:
+            return message
+        return _doubtful(message, 0.3)
+
+    _publishes(encoder, change)
+
+
+def _doubtful(message: Message, variance: float) -> Message:
+    if not isinstance(message, Pose):
+        return message
+    return replace(message, covariance=(variance, 0.0, 0.0, variance, 0.0, 0.001))
+
+
+def _unsure(encoder: Any) -> None:
+    _publishes(encoder, lambda message: _doubtful(message, 0.02))
 
 
 def _flickers(goto: Any) -> None:
@@ -413,6 +435,8 @@ DEFECTS: Final = {
     "fails": Defect("each tenth mission fails without a cause", {"interface": _fails}),
     "stands": Defect("goto takes the wheels and stands", {"goto": _stands}),
     "lost": Defect(f"the robot is lost for ever after {LOST_AFTER_S:g} s", {"encoder": _lost}),
+    "blinks": Defect("the robot says that it is lost, mostly", {"encoder": _blinks}),
+    "unsure": Defect("the robot is never certain of its place", {"encoder": _unsure}),
     "flickers": Defect(f"goto withdraws its bid every {FLICKER} cycles", {"goto": _flickers}),
     "biased": Defect(f"ranges are published {BIAS_M:g} m too long", {"robot": _biased}),
     "slow-brake": Defect(f"it brakes {BRAKES:g} times as slowly as described", {"robot": _brakes}),
