@@ -26,6 +26,7 @@ from armadico.observe.audit.missions import (
     Found,
     Leads,
     Reached,
+    Refuses,
     Visits,
 )
 from armadico.observe.audit.promises import Excuse, Finding
@@ -43,7 +44,7 @@ from armadico.observe.audit.sensing import (
 )
 
 RULES: Final[tuple[type[Rule], ...]] = (
-    *(Touched, Arrives, Ends, Reached, Visits, Failed, Found, Doubts, Leads),
+    *(Touched, Arrives, Ends, Reached, Visits, Failed, Refuses, Found, Doubts, Leads),
     *(Stands, Honest, Earned, Steady, Speed, Brakes, Turns),
     *(
         OneDriver,

@@ -15,6 +15,7 @@ from armadico.mobile.behaviour import FOUND_S
 from armadico.mobile.errand import Errands, StepDone
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import (
+    NO_POSE,
     Correction,
     MissionState,
     MissionStatus,
@@ -67,6 +68,9 @@ DONE_THERE: Final = frozenset({"move", "take-photo", "check-alarm"})
 
 NEARER_M: Final = 0.1
 """Coming nearer by this, m, is progress."""
+
+GAP_S, KNOWN_S = 0.3, 2.0
+"""A pose is known that came for the second, s, without a gap of the first."""
 
 FOUND_SHARE: Final = 0.25
 """A robot that is found again has its time for being lost back by this share of the time."""
@@ -428,6 +432,36 @@ class Failed(Rule):
             yield self.found(now, "interface", what, status.note)
 
 
+class Refuses(Rule):
+    """A goal is refused for a cause that was seen: a pose that is not known is missing."""
+
+    promise = Promise.FAILED
+    needs = (MissionStatus, Pose)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._steady_since = self._pose_at = -inf
+        self._before: MissionStatus | None = None
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if isinstance(message, Pose):
+            if now.now - self._pose_at > GAP_S:
+                self._steady_since = now.now
+            self._pose_at = now.now
+        elif isinstance(message, MissionStatus):
+            before, self._before = self._before, message
+            # A new interface agent may not have received a pose yet, and knows of no mission.
+            begins = before is None or MissionState.NONE in (before.state, message.state)
+            if not message.refused or begins or before.refused == message.refused:
+                return
+            self.checked = True
+            known_s = now.now - self._steady_since
+            known = known_s > KNOWN_S and now.now - self._pose_at < GAP_S
+            if message.refused == NO_POSE and known and now.excuse(Excuse.DISTURBED) is None:
+                what = "a goal was refused, as the pose is not known"
+                yield self.found(now, "interface", what, f"there were poses for {known_s:.0f} s")
+
+
 class Found(Rule):
     """A robot that is lost on a mission finds its place again, and keeps it.
 
@@ -490,10 +524,8 @@ class Doubts(Rule):
             doubted = message.deviation > hypot(DOUBTED * off, DRIVEN_M)
             self._cycles += doubted and now.excuse(Excuse.DISTURBED) is None
             if doubted and self._cycles > DOUBTED_CYCLES and self.is_new("encoder", now):
-                what = f"says that it is known to +-{message.deviation:.2f} m"
-                yield self.found(
-                    now, "encoder", f"{what} only, where corrections are certain", f"+-{off:.2f} m"
-                )
+                what = f"a pose is known to +-{message.deviation:.2f} m only"
+                yield self.found(now, "encoder", what, f"its corrections to +-{off:.2f} m")
 
 
 class Leads(Rule):

@@ -417,6 +417,7 @@ BUGS = (
         for name, promise, scenario in (
             ("early", Promise.REACHED, "sc1"),
             ("fails", Promise.FAILED, "sc1"),
+            ("refuses", Promise.FAILED, "sc1"),
             ("half-speed", Promise.SPEED, "sc1"),
             ("stands", Promise.STANDS, "sc1"),
             ("lost", Promise.FOUND, "sc1"),

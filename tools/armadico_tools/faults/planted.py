@@ -21,6 +21,7 @@ from armadico.core.exchange import Bid
 from armadico.core.messages import Description, Message, RobotState
 from armadico.mobile.driven import Stage
 from armadico.mobile.messages import (
+    NO_POSE,
     Correction,
     MissionRequest,
     Plan,
@@ -361,6 +362,13 @@ def _shifts(localization: Any) -> None:
     _publishes(localization, change)
 
 
+def _refuses(interface: Any) -> None:
+    def consider(method: Callable[..., Any], *asked: Any) -> Any:
+        return interface._refuse(NO_POSE) if interface._mission.number else method(*asked)
+
+    _wrap(interface, "_consider", consider)
+
+
 def _misses(interface: Any) -> None:
     def consider(method: Callable[..., Any], question: Any, asked: MissionRequest) -> Any:
         goal = replace(asked.goal, x=asked.goal.x + ASIDE_M)
@@ -433,6 +441,7 @@ DEFECTS: Final = {
     ),
     "lies": Defect("goto bids high and drives on, whatever is ahead", {"goto": _lies}),
     "fails": Defect("each tenth mission fails without a cause", {"interface": _fails}),
+    "refuses": Defect("a second goal is refused, as without a pose", {"interface": _refuses}),
     "stands": Defect("goto takes the wheels and stands", {"goto": _stands}),
     "lost": Defect(f"the robot is lost for ever after {LOST_AFTER_S:g} s", {"encoder": _lost}),
     "blinks": Defect("the robot says that it is lost, mostly", {"encoder": _blinks}),
