@@ -28,6 +28,7 @@ from armadico.observe.audit.missions import (
     Reached,
     Refuses,
     Visits,
+    Waits,
 )
 from armadico.observe.audit.promises import Excuse, Finding
 from armadico.observe.audit.rules import Rule
@@ -44,7 +45,7 @@ from armadico.observe.audit.sensing import (
 )
 
 RULES: Final[tuple[type[Rule], ...]] = (
-    *(Touched, Arrives, Ends, Reached, Visits, Failed, Refuses, Found, Doubts, Leads),
+    *(Touched, Arrives, Ends, Reached, Visits, Failed, Refuses, Waits, Found, Doubts, Leads),
     *(Stands, Honest, Earned, Steady, Speed, Brakes, Turns),
     *(
         OneDriver,

@@ -420,6 +420,7 @@ BUGS = (
             ("refuses", Promise.FAILED, "sc1"),
             ("half-speed", Promise.SPEED, "sc1"),
             ("stands", Promise.STANDS, "sc1"),
+            ("no-way", Promise.STANDS, "sc4"),
             ("lost", Promise.FOUND, "sc1"),
             ("blinks", Promise.FOUND, "sc4"),
             ("unsure", Promise.FOUND, "sc4"),

@@ -369,6 +369,17 @@ def _refuses(interface: Any) -> None:
     _wrap(interface, "_consider", consider)
 
 
+def _no_way(planner: Any) -> None:
+    def plan(method: Callable[..., Plan], request: PlanRequest) -> Plan:
+        return Plan((), refusal="no way") if request.why else method(request)
+
+    _wrap(planner, "_plan", plan)
+
+
+def _impatient(interface: Any) -> None:
+    interface.p = replace(interface.p, nearer_s=0.5)
+
+
 def _misses(interface: Any) -> None:
     def consider(method: Callable[..., Any], question: Any, asked: MissionRequest) -> Any:
         goal = replace(asked.goal, x=asked.goal.x + ASIDE_M)
@@ -457,6 +468,10 @@ DEFECTS: Final = {
     "endless": Defect("a mission does not end at its goal", {"interface": _endless}),
     "straight": Defect(
         "paths lead straight to the goal, through walls", {"path-planning": _straight}
+    ),
+    "no-way": Defect(
+        "the planner finds no other path, ever",
+        {"path-planning": _no_way, "interface": _impatient},
     ),
     "keeps": Defect("goto never releases the wheels", {"goto": _keeps}),
     "hides": Defect("obstacles on the left are not published", {"sonar": _hides, "laser": _hides}),
