@@ -58,7 +58,7 @@ RESTS_M_S, RESTS_RAD_S = 0.02, 0.05
 DETOURS: Final = 3.0
 """New paths may make a mission so many times as long as the longest of them."""
 
-NOBODY: Final = "nobody"
+NOBODY, CAPPED = "nobody", "capped"
 
 LONG_S: Final = 10.0
 """Waiting for a free path, or being lost, counts as a failure's cause after this time, s."""
@@ -116,9 +116,10 @@ PLACED_M: Final = 0.4
 class Arrives(Rule):
     """A mission is reached in the time that its path takes.
 
-    The time while an excuse holds does not count, and is reported; a published cap counts by the
-    share of the ordered speed that it left. The rest belongs to the agent that is obeyed then. It
-    does not use the interface agent's own due time.
+    The time while an excuse holds does not count, and is reported. A published cap counts by the
+    share of the ordered speed that it left; what all caps took beyond the path's own time counts,
+    too. The rest belongs to the agent that is obeyed then. It does not use the interface agent's
+    own due time.
     """
 
     promise = Promise.ARRIVES
@@ -140,6 +141,8 @@ class Arrives(Rule):
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
         if isinstance(message, MissionStatus):
             if message.state is not MissionState.DRIVING:
+                if message.state is MissionState.REACHED and not self._over:
+                    yield from self._judge_caps(now)
                 self._over, self.due = True, False
             elif message.mission != self._mission:
                 self._begin(message.mission, now)
@@ -159,7 +162,8 @@ class Arrives(Rule):
             return
         self._spend(now)
         self._allowed_s = self._allowed(now)
-        spent = sum(self._spent.values())
+        too_capped = max(self._excused.get(CAPPED, 0.0) - self._allowed_s, 0.0)
+        spent = sum(self._spent.values()) + too_capped
         self._over = spent > self._allowed_s
         self.due = not self._over and self._so_far_s > self._allowed_s
         if self._over:
@@ -180,7 +184,7 @@ class Arrives(Rule):
             return
         self._excuse = None
         share = now.capped_share()
-        _add(self._excused, "capped", (1.0 - share) * dt)
+        _add(self._excused, CAPPED, (1.0 - share) * dt)
         _add(self._spent, now.who or NOBODY, share * dt)
 
     @property
@@ -198,6 +202,14 @@ class Arrives(Rule):
     @property
     def _so_far_s(self) -> float:
         return sum(self._spent.values()) + sum(self._excused.values())
+
+    def _judge_caps(self, now: Scene) -> Iterator[Finding]:
+        """A mission that was in time only as caps do not count is neither in time nor late."""
+        capped, spent = self._excused.get(CAPPED, 0.0), sum(self._spent.values())
+        if spent + capped > self._allowed_s:
+            what = f"reached after {spent:.0f} s, and {capped:.0f} s of caps"
+            why = f"{self._allowed_s:.0f} s are enough"
+            yield self.found(now, "robot", what, why, Answer.UNKNOWN)
 
     def _measure(self, now: Scene) -> None:
         """The way driven, and the length of each new path."""

@@ -419,6 +419,7 @@ BUGS = (
             ("fails", Promise.FAILED, "sc1"),
             ("refuses", Promise.FAILED, "sc1"),
             ("half-speed", Promise.SPEED, "sc1"),
+            ("caps", Promise.SPEED, "sc4"),
             ("stands", Promise.STANDS, "sc1"),
             ("no-way", Promise.STANDS, "sc4"),
             ("lost", Promise.FOUND, "sc1"),

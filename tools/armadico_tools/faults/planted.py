@@ -225,6 +225,15 @@ def _brakes(robot: Any) -> None:
     _publishes(robot, change)
 
 
+def _caps(robot: Any) -> None:
+    def cap(method: Callable[..., tuple[float, float]], v: float, w: float) -> tuple[float, float]:
+        safe_v, safe_w = method(v, w)
+        robot._reflex.why = robot._reflex.why or "an obstacle is in the way"
+        return min(safe_v, 0.4 * v) if v > 0.0 else safe_v, safe_w
+
+    _wrap(robot._reflex, "cap", cap)
+
+
 def _late(robot: Any) -> None:
     waiting: deque[tuple[float, Any]] = deque()
 
@@ -446,6 +455,7 @@ DEFECTS: Final = {
     "lazy": Defect(f"goto stops {GIVES_UP_M:g} m before its goal", {"goto": _lazy}),
     "early": Defect(f"a mission is reached {EARLY_M:g} m before its goal", {"interface": _early}),
     "half-speed": Defect("the robot agent orders half the speed", {"robot": _half}),
+    "caps": Defect("the robot agent says that something is always ahead", {"robot": _caps}),
     "no-reflex": Defect(
         "the robot agent lets every command through, of a liar, too",
         {"robot": _no_reflex, "goto": _runs},
