@@ -479,8 +479,9 @@ class Refuses(Rule):
         elif isinstance(message, MissionStatus):
             before, self._before = self._before, message
             # A new interface agent may not have received a pose yet, and knows of no mission.
-            begins = before is None or MissionState.NONE in (before.state, message.state)
-            if not message.refused or begins or before.refused == message.refused:
+            if before is None or MissionState.NONE in (before.state, message.state):
+                return
+            if not message.refused or before.refused == message.refused:
                 return
             self.checked = True
             known_s = now.now - self._steady_since
