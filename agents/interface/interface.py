@@ -40,6 +40,7 @@ from armadico.mobile.behaviour import FOUND_S, LOST_M, driven_by
 from armadico.mobile.driven import Event, Stage, following
 from armadico.mobile.geometry import relative, wrap
 from armadico.mobile.messages import (
+    NO_POSE,
     WAYPOINTS,
     ByHand,
     InitialPose,
@@ -61,7 +62,6 @@ from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.resources import TRAJECTORY
 from armadico.mobile.route import Route
 
-NO_POSE: Final = "the robot's pose is not known: no fresh encoder/pose"
 WAS_LOST: Final = "the robot was lost"
 BY_HAND: Final = "the robot was driven by hand"
 UNDER_WAY: Final = "the robot is under way on another mission"

@@ -499,6 +499,8 @@ class MissionState(StrEnum):
     FAILED = "failed"  # for the reason in the note
 
 
+NO_POSE: Final = "the robot's pose is not known: no fresh encoder/pose"  # `MissionStatus.refused`
+
 UNSURE: Final = "unsure"  # the outcome of a mission that is reached with a note
 
 

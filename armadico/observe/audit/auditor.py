@@ -7,6 +7,7 @@ from dataclasses import replace
 from math import inf
 from typing import Final
 
+from armadico.config.worlds import World
 from armadico.core.judgement import Answer
 from armadico.core.messages import Ack, Command, Cycle, Message, RobotState
 from armadico.core.resources import WHEELS
@@ -18,7 +19,18 @@ from armadico.observe.audit.chart import Chart, Wall
 from armadico.observe.audit.contacts import Touched
 from armadico.observe.audit.coordination import Fresh, Held, OneDriver, Ordered, Stopped
 from armadico.observe.audit.driving import Brakes, Earned, Honest, Speed, Stands, Steady, Turns
-from armadico.observe.audit.missions import Arrives, Ends, Failed, Found, Leads, Reached
+from armadico.observe.audit.missions import (
+    Arrives,
+    Doubts,
+    Ends,
+    Failed,
+    Found,
+    Leads,
+    Reached,
+    Refuses,
+    Visits,
+    Waits,
+)
 from armadico.observe.audit.promises import Excuse, Finding
 from armadico.observe.audit.rules import Rule
 from armadico.observe.audit.scene import SHOWN, Scene
@@ -34,7 +46,7 @@ from armadico.observe.audit.sensing import (
 )
 
 RULES: Final[tuple[type[Rule], ...]] = (
-    *(Touched, Arrives, Ends, Reached, Failed, Found, Leads),
+    *(Touched, Arrives, Ends, Reached, Visits, Failed, Refuses, Waits, Found, Doubts, Leads),
     *(Stands, Honest, Earned, Steady, Speed, Brakes, Turns),
     *(
         OneDriver,
@@ -116,11 +128,16 @@ class Auditor:
         new = Auditor(self._kinds, self.scene.excuses if excuses is None else excuses)
         new.scene.v_max = self.scene.v_max
         new.scene.mapped, new.scene.chart = self.scene.mapped, self.scene.chart
+        new.scene.world = self.scene.world
         return new
 
-    def chart(self, walls: Iterable[Wall] | None) -> None:
-        """The robot was launched with a map of these walls, world frame, m; None: not at hand."""
+    def chart(self, walls: Iterable[Wall] | None, world: World | None = None) -> None:
+        """The robot was launched with a map of these walls, world frame, m; None: not at hand.
+
+        `world` is that map with its rooms and goals.
+        """
         self.scene.mapped, self.scene.chart = True, None if walls is None else Chart(walls)
+        self.scene.world = world
 
     def update(self, at: float, key: str, message: Message) -> list[Finding]:  # noqa: ARG002
         """Process one message, received at a time (s). Returns what it shows."""

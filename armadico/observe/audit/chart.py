@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import atan2, cos, hypot, sin
-from typing import NamedTuple
+from math import atan2, ceil, cos, hypot, sin
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -12,6 +12,11 @@ from armadico.mobile.scans import Floats
 
 Wall = tuple[float, float, float, float]
 """Both ends, m."""
+
+
+CELL_M: Final = 0.1
+CELLS_MOST: Final = 250_000
+"""Of a plain search for a way."""
 
 
 class Sight(NamedTuple):
@@ -58,6 +63,47 @@ class Chart:
         if sight is None or sight.far > hypot(x2 - x1, y2 - y1):
             return None
         return x1 + sight.far * cos(bearing), y1 + sight.far * sin(bearing)
+
+
+def joined(
+    barriers: Iterable[Wall],
+    bounds: Wall,
+    seen: Floats,
+    apart_m: float,
+    start: tuple[float, float],
+    goal: tuple[float, float],
+) -> bool | None:
+    """Whether a plain search finds a way between two places, world frame, m.
+
+    It keeps `apart_m` away from barriers and from what was seen (n x 2), and is no planner: without
+    costs or doors. None: one of the places is not so far away, or the map is too large.
+    """
+    x1, y1, x2, y2 = bounds
+    columns, rows = ceil((x2 - x1) / CELL_M) + 1, ceil((y2 - y1) / CELL_M) + 1
+    if not 0 < columns * rows <= CELLS_MOST:
+        return None
+    chart, xs = Chart(barriers), x1 + CELL_M * np.arange(columns)
+    rest = [
+        chart.off(np.column_stack((xs, np.full(columns, y1 + CELL_M * j)))) for j in range(rows)
+    ]
+    free = np.array(rest) > apart_m
+    for j, i in np.unique(np.round((seen[:, ::-1] - (y1, x1)) / CELL_M), axis=0):
+        reach = ceil(apart_m / CELL_M)
+        low, left = max(int(j) - reach, 0), max(int(i) - reach, 0)
+        free[low : max(int(j) + reach + 1, 0), left : max(int(i) + reach + 1, 0)] = False
+    here, there = ((round((y - y1) / CELL_M), round((x - x1) / CELL_M)) for x, y in (start, goal))
+    if not all(0 <= j < rows and 0 <= i < columns and free[j, i] for j, i in (here, there)):
+        return None
+    reached, grown = np.zeros_like(free), np.zeros_like(free)
+    grown[here] = True
+    while not grown[there] and (grown != reached).any():
+        reached = grown.copy()
+        grown[1:] |= reached[:-1]
+        grown[:-1] |= reached[1:]
+        grown[:, 1:] |= reached[:, :-1]
+        grown[:, :-1] |= reached[:, 1:]
+        grown &= free
+    return bool(grown[there])
 
 
 def _cross(a: Floats, b: Floats) -> Floats:

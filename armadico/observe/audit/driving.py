@@ -327,6 +327,7 @@ class Speed(Rule):
         self._path: Trajectory | None = None
         self._since = inf
         self._orders: dict[str, deque[float]] = {}  # on free, long and straight paths, by agent
+        self._capped: deque[bool] = deque(maxlen=OF_CYCLES)  # by readings, on such paths
         self._follows = Follows()
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
@@ -339,6 +340,10 @@ class Speed(Rule):
         elif isinstance(message, RobotState):
             yield from self._base(message, now)
             if not self._is_free(now):
+                self._since = inf
+                return
+            yield from self._caps(message, now)
+            if now.excuse(Excuse.CAPPED) is not None:
                 self._since = inf
                 return
             self._since = min(self._since, now.now)
@@ -359,6 +364,16 @@ class Speed(Rule):
         else:
             why = f"{what}; whether a limit is set is unknown (`v_max` of goto)"
             yield self.found(now, now.who, why, f"without: {known:.2f} m/s", Answer.UNKNOWN)
+
+    def _caps(self, state: RobotState, now: Scene) -> Iterator[Finding]:
+        """A cap by readings, where none shows anything."""
+        v, admitted = state.ordered.v, state.admitted.v
+        sensed = bool(state.capped) and state.capped not in NO_READING
+        self._capped.append(sensed and v >= FAST_M_S and admitted < ORDERED_SHARE * v)
+        if sum(self._capped) < MOST_CYCLES or not self.is_new("robot's cap", now, AGAIN_S):
+            return
+        what = f"lets {admitted:.2f} of {v:.2f} m/s through on a free, long and straight path"
+        yield self.found(now, "robot", what, f"nothing is sensed there; it says: {state.capped}")
 
     def _base(self, state: RobotState, now: Scene) -> Iterator[Finding]:
         admitted, about = now.admitted, now.description
@@ -389,7 +404,7 @@ class Speed(Rule):
                 return False
         reach, half = about.front + LONG_M, about.half_width + ASIDE_M
         near = any(-about.rear < p.x < reach and abs(p.y) < half for p in seen.points)
-        return not near and now.excuse(*STANDING, Excuse.DISTURBED, Excuse.CAPPED) is None
+        return not near and now.excuse(*STANDING, Excuse.DISTURBED) is None
 
 
 class Brakes(Rule):

@@ -25,7 +25,8 @@ def learn(auditor: Auditor, card: Card) -> None:
         auditor.scene.mapped = bool(auditor.scene.mapped)
     elif not auditor.scene.mapped:
         try:
-            auditor.chart(load_world(card.world).outlines)
+            world = load_world(card.world)
+            auditor.chart(world.outlines, world)
         except ConfigError:
             auditor.chart(None)
 

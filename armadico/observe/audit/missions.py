@@ -2,24 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from math import degrees, hypot, inf
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from math import cos, degrees, hypot, inf, sin, sqrt
 from operator import itemgetter
 from typing import Final
 
+import numpy as np
+
+from armadico.config.worlds import World
 from armadico.core.judgement import Answer
-from armadico.core.messages import Message, RobotState
+from armadico.core.messages import Cycle, Message, RobotState
 from armadico.mobile.behaviour import FOUND_S
-from armadico.mobile.geometry import wrap
+from armadico.mobile.errand import Errands, StepDone
+from armadico.mobile.geometry import turning_circle, wrap
 from armadico.mobile.messages import (
+    NO_POSE,
+    Correction,
     MissionState,
     MissionStatus,
     Pose,
+    Scan,
+    Sonar,
     Trajectory,
     Truth,
     Waypoint,
 )
+from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.route import Route
+from armadico.mobile.scans import Floats, points_of
+from armadico.observe.audit.chart import joined
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import Rule
 from armadico.observe.audit.scene import Scene
@@ -46,7 +58,7 @@ RESTS_M_S, RESTS_RAD_S = 0.02, 0.05
 DETOURS: Final = 3.0
 """New paths may make a mission so many times as long as the longest of them."""
 
-NOBODY: Final = "nobody"
+NOBODY, CAPPED = "nobody", "capped"
 
 LONG_S: Final = 10.0
 """Waiting for a free path, or being lost, counts as a failure's cause after this time, s."""
@@ -58,8 +70,32 @@ up after two minutes; that it is late is another finding."""
 LATELY_S: Final = 10.0
 """What was seen within this time before a failure may be its cause, s."""
 
+DONE_THERE: Final = frozenset({"move", "take-photo", "check-alarm"})
+"""Tasks of missions that are done in the place that they name first."""
+
 NEARER_M: Final = 0.1
 """Coming nearer by this, m, is progress."""
+
+GAP_S, KNOWN_S = 0.3, 2.0
+"""A pose is known that came for the second, s, without a gap of the first."""
+
+WAITING: Final = (
+    *(Excuse.DISTURBED, Excuse.STOPPED, Excuse.FAULT, Excuse.BY_HAND, Excuse.LED),
+    *(Excuse.LOST, Excuse.UNSURE, Excuse.WAITS),
+)
+
+REMEMBERS_S, SENSED_M, APART_M = 40.0, 2.0, 0.1
+"""A planner plans around what was sensed within the first, s, by sonar within the second, m. The
+third, m, is added to the circle in which the robot turns."""
+
+FOUND_SHARE: Final = 0.25
+"""A robot that is found again has its time for being lost back by this share of the time."""
+
+CORRECTED_S: Final = 0.3
+DOUBTED, DRIVEN_M, DOUBTED_CYCLES = 1.5, 0.1, 50
+"""A pose that was corrected within the first, s, doubts by no more than the second of the
+correction's deviation, and the third, m, for the way since. So many cycles may. In five drives it
+was 1.2 of the deviation, without a way."""
 
 OFF_RAD: Final = 2.0 * REACHED_RAD
 """A heading farther off the goal's than this, rad, is not reached. Poses of the shipped scenarios,
@@ -80,9 +116,10 @@ PLACED_M: Final = 0.4
 class Arrives(Rule):
     """A mission is reached in the time that its path takes.
 
-    The time while an excuse holds does not count, and is reported; a published cap counts by the
-    share of the ordered speed that it left. The rest belongs to the agent that is obeyed then. It
-    does not use the interface agent's own due time.
+    The time while an excuse holds does not count, and is reported. A published cap counts by the
+    share of the ordered speed that it left; what all caps took beyond the path's own time counts,
+    too. The rest belongs to the agent that is obeyed then. It does not use the interface agent's
+    own due time.
     """
 
     promise = Promise.ARRIVES
@@ -104,6 +141,8 @@ class Arrives(Rule):
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
         if isinstance(message, MissionStatus):
             if message.state is not MissionState.DRIVING:
+                if message.state is MissionState.REACHED and not self._over:
+                    yield from self._judge_caps(now)
                 self._over = True
             elif message.mission != self._mission:
                 self._begin(message.mission, now)
@@ -123,7 +162,8 @@ class Arrives(Rule):
             return
         self._spend(now)
         self._allowed_s = self._allowed(now)
-        spent = sum(self._spent.values())
+        too_capped = max(self._excused.get(CAPPED, 0.0) - self._allowed_s, 0.0)
+        spent = sum(self._spent.values()) + too_capped
         self._over = spent > self._allowed_s
         if self._over:
             yield self._late(now, spent, self._allowed_s)
@@ -143,7 +183,7 @@ class Arrives(Rule):
             return
         self._excuse = None
         share = now.capped_share()
-        _add(self._excused, "capped", (1.0 - share) * dt)
+        _add(self._excused, CAPPED, (1.0 - share) * dt)
         _add(self._spent, now.who or NOBODY, share * dt)
 
     @property
@@ -165,6 +205,14 @@ class Arrives(Rule):
     @property
     def _so_far_s(self) -> float:
         return sum(self._spent.values()) + sum(self._excused.values())
+
+    def _judge_caps(self, now: Scene) -> Iterator[Finding]:
+        """A mission that was in time only as caps do not count is neither in time nor late."""
+        capped, spent = self._excused.get(CAPPED, 0.0), sum(self._spent.values())
+        if spent + capped > self._allowed_s:
+            what = f"reached after {spent:.0f} s, and {capped:.0f} s of caps"
+            why = f"{self._allowed_s:.0f} s are enough"
+            yield self.found(now, "robot", what, why, Answer.UNKNOWN)
 
     def _measure(self, now: Scene) -> None:
         """The way driven, and the length of each new path."""
@@ -314,6 +362,60 @@ def _by(pose: Pose, off: tuple[float, float]) -> str:
     return f"by its pose {_so(off)}, {known}"
 
 
+class Visits(Rule):
+    """A step of a mission that is done in a place of the map is done only if the robot was there.
+
+    By the truth, else as far as the pose knows.
+    """
+
+    promise = Promise.REACHED
+    needs = (Pose,)
+    sees = (Errands,)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._way: deque[tuple[float, float, float, float]] = deque()  # s; x, y, off by, m
+        self._steps: dict[int, tuple[StepDone, ...]] = {}  # that have ended, by errand
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if isinstance(message, Pose):
+            at = now.truth or message
+            self._way.append((now.now, at.x, at.y, max(REACHED_M, 3.0 * message.deviation)))
+            while now.now - self._way[0][0] > LATELY_S:
+                self._way.popleft()
+        elif isinstance(message, Errands):
+            for each in message.errands:
+                known, steps = self._steps.get(each.number), each.steps or ()
+                self._steps[each.number] = steps
+                # What ended before the first report, or is cut, cannot be judged.
+                if known is not None and steps[: len(known)] == known:
+                    for step in steps[len(known) :]:
+                        yield from self._judge(step, now)
+
+    def _judge(self, step: StepDone, now: Scene) -> Iterator[Finding]:
+        task, _, named = step.step.rstrip(")").partition("(")
+        away = _away(now.world, named.partition(", ")[0])
+        if task not in DONE_THERE or step.end != "done" or away is None or not self._way:
+            return
+        self.checked = True
+        off, may = min(
+            ((away(x, y), may) for _, x, y, may in self._way), key=lambda at: at[0] - at[1]
+        )
+        if off > may and now.excuse(Excuse.DISTURBED) is None:
+            what = f"{step.step} is done, and the robot was not there"
+            yield self.found(now, "mission-planning", what, f"{off:.1f} m away, or more")
+
+
+def _away(world: World | None, place: str) -> Callable[[float, float], float] | None:
+    """The distance of a point from a room or goal, m; None: it is no such place."""
+    if world is None:
+        return None
+    if place in world.goals:
+        x, y = world.goals[place][:2]
+        return lambda at_x, at_y: hypot(x - at_x, y - at_y)
+    return next((room.away for room in world.rooms if room.name == place), None)
+
+
 class Failed(Rule):
     """A mission fails for a cause that was seen.
 
@@ -361,33 +463,165 @@ class Failed(Rule):
             yield self.found(now, "interface", what, status.note)
 
 
+class Refuses(Rule):
+    """A goal is refused for a cause that was seen: a pose that is not known is missing."""
+
+    promise = Promise.FAILED
+    needs = (MissionStatus, Pose)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._steady_since = self._pose_at = -inf
+        self._before: MissionStatus | None = None
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if isinstance(message, Pose):
+            if now.now - self._pose_at > GAP_S:
+                self._steady_since = now.now
+            self._pose_at = now.now
+        elif isinstance(message, MissionStatus):
+            before, self._before = self._before, message
+            # A new interface agent may not have received a pose yet, and knows of no mission.
+            if before is None or MissionState.NONE in (before.state, message.state):
+                return
+            if not message.refused or before.refused == message.refused:
+                return
+            self.checked = True
+            known_s = now.now - self._steady_since
+            known = known_s > KNOWN_S and now.now - self._pose_at < GAP_S
+            if message.refused == NO_POSE and known and now.excuse(Excuse.DISTURBED) is None:
+                what = "a goal was refused, as the pose is not known"
+                yield self.found(now, "interface", what, f"there were poses for {known_s:.0f} s")
+
+
+class Waits(Rule):
+    """While a mission waits as no path is free, a plain search of the map finds none either.
+
+    Whatever was sensed lately blocks it, and it keeps farther away than a planner needs to.
+    """
+
+    promise = Promise.STANDS
+    needs = (RobotState, MissionStatus, Trajectory, Pose)
+    sees = (Sonar, Scan)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._seen: deque[tuple[float, Floats]] = deque()  # s, and world frame, m
+        self._waited_s, self._last_at = 0.0, -inf
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if isinstance(message, Obstacles):
+            self._add([(p.x, p.y) for p in message.points], now)
+        elif isinstance(message, Scan):
+            self._add(points_of(message), now)
+        elif isinstance(message, Sonar):
+            near = [(e, e.range) for e in message.echoes if e.range is not None]
+            places = [(e.x + r * cos(e.bearing), e.y + r * sin(e.bearing)) for e, r in near]
+            self._add(
+                [each for each, (_, r) in zip(places, near, strict=True) if r < SENSED_M], now
+            )
+        elif isinstance(message, RobotState):
+            dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
+            if message.stalled:
+                self._waited_s = -REMEMBERS_S  # what was touched may be remembered, too
+            waits = now.driving and now.excuse(*WAITING) is Excuse.WAITS
+            self._waited_s = self._waited_s + dt if waits or self._waited_s < 0.0 else 0.0
+            if waits and self._waited_s > LONG_S:
+                self._waited_s = 0.0
+                yield from self._search(now)
+
+    def _add(self, points: Sequence[tuple[float, float]] | Floats, now: Scene) -> None:
+        pose = now.pose
+        if pose is None or not len(points):
+            return
+        c, s, (x, y) = cos(pose.theta), sin(pose.theta), np.asarray(points, float).T
+        self._seen.append(
+            (now.now, np.column_stack((pose.x + c * x - s * y, pose.y + s * x + c * y)))
+        )
+        while now.now - self._seen[0][0] > REMEMBERS_S:
+            self._seen.popleft()
+
+    def _search(self, now: Scene) -> Iterator[Finding]:
+        path, pose, about, world = now.trajectory, now.pose, now.description, now.world
+        if path is None or not path.waypoints or not path.planned or path.revision:
+            return
+        if pose is None or about is None or world is None or world.unseen is not None:
+            return
+        self.checked = True
+        apart = turning_circle(about.front, about.rear, about.half_width) + APART_M
+        places = [points for _, points in self._seen]
+        seen = np.concatenate(places) if places else np.empty((0, 2))
+        goal = path.waypoints[-1]
+        free = joined(world.barriers, world.bounds, seen, apart, (pose.x, pose.y), (goal.x, goal.y))
+        if free and self.is_new("path-planning", now, STUCK_S):
+            what = f"waits for {LONG_S:.0f} s as no path is free, and the map has one"
+            yield self.found(now, "path-planning", what, f"{apart:.2f} m from all that is known")
+
+
 class Found(Rule):
-    """A robot that is lost on a mission finds its place again."""
+    """A robot that is lost on a mission finds its place again, and keeps it.
+
+    Being found for a moment is no new beginning: it takes back a share of its own time.
+    """
 
     promise = Promise.FOUND
     needs = (RobotState, Pose)
 
     def __init__(self) -> None:
         super().__init__()
-        self._lost_s, self._last_at = 0.0, -inf
+        self._lost_s, self._last_at, self._mission = 0.0, -inf, 0
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
         if not isinstance(message, RobotState):
             return
         dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
         self.checked = self.checked or (now.pose is not None and bool(now.pose.covariance))
+        mission = 0 if now.mission is None else now.mission.mission
+        if mission != self._mission:
+            self._mission, self._lost_s = mission, 0.0
         if not now.lost:
-            self._lost_s = 0.0
+            self._lost_s = max(self._lost_s - FOUND_SHARE * dt, 0.0)
         elif (
             now.driving
             and now.excuse(Excuse.DISTURBED, Excuse.STOPPED, Excuse.BY_HAND, Excuse.FAULT) is None
         ):
             self._lost_s += dt
             if self._lost_s > FOUND_S:
-                self._lost_s = -inf  # once, until it is found
+                self._lost_s = -inf  # once in a mission
                 assert now.pose is not None, "a pose says that it is lost"
                 what = f"lost for {FOUND_S:.0f} s on a mission"
                 yield self.found(now, "localization", what, f"+-{now.pose.deviation:.1f} m")
+
+
+class Doubts(Rule):
+    """A pose is as certain as the corrections that it follows, so no doubt is made up.
+
+    A doubt excuses from much: a robot that is lost need not drive, and an unsure end is no failure.
+    """
+
+    promise = Promise.FOUND
+    needs = (Pose,)
+    sees = (Correction,)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._known: tuple[float, Cycle, float] = -inf, Cycle(0, 0), 0.0  # s, cycle, deviation, m
+        self._cycles = 0
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if isinstance(message, Correction):
+            xx, _, _, yy, _, _ = message.covariance
+            self._known = now.now, message.cycle, sqrt(max(xx, 0.0) + max(yy, 0.0))
+        elif isinstance(message, Pose):
+            at, cycle, off = self._known
+            if now.now - at > CORRECTED_S or cycle.epoch != message.cycle.epoch:
+                return
+            self.checked = True
+            doubted = message.deviation > hypot(DOUBTED * off, DRIVEN_M)
+            self._cycles += doubted and now.excuse(Excuse.DISTURBED) is None
+            if doubted and self._cycles > DOUBTED_CYCLES and self.is_new("encoder", now):
+                what = f"a pose is known to +-{message.deviation:.2f} m only"
+                yield self.found(now, "encoder", what, f"its corrections to +-{off:.2f} m")
 
 
 class Leads(Rule):

@@ -19,7 +19,7 @@ class Promise(StrEnum):
     COLLISION = "the robot does not touch anything"
     ARRIVES = "a mission is reached in the time that its path takes"
     REACHED = "a goal that is reported as reached is reached"
-    FAILED = "a mission fails for a cause that was seen"
+    FAILED = "a mission fails, or is refused, for a cause that was seen"
     SPEED = "the robot drives as fast as it may, or the reason is published"
     STANDS = "a robot with a free path does not stand"
     FOUND = "a robot that is lost finds its place again"

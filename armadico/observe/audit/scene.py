@@ -7,6 +7,7 @@ from collections import Counter
 from math import inf
 from typing import Final
 
+from armadico.config.worlds import World
 from armadico.core.messages import (
     Ack,
     Command,
@@ -67,7 +68,8 @@ class Scene:
         needed: How often each excuse held when a rule asked for it.
         disturbed: A disturbance that the observer knows of, in words; "" without one.
         mapped: Whether the robot was launched with a map; None: no agent's card told.
-        chart: That map; None: unknown.
+        chart: That map's walls; None: unknown.
+        world: That map with its rooms and goals; None: unknown.
         v_max: The limit that a scenario or a user sets, m/s (`v_max` of goto); inf: there is none;
             None: unknown.
         holder: The instance whose command is obeyed; "" without one.
@@ -81,6 +83,7 @@ class Scene:
         self.v_max = v_max
         self.mapped: bool | None = None
         self.chart: Chart | None = None
+        self.world: World | None = None
         self.description: Description | None = None
         self.state: RobotState | None = None
         self.before: RobotState | None = None  # the state before

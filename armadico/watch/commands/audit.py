@@ -77,7 +77,7 @@ def run(args: Options) -> int:
     chosen = {only[name] for name in args.only or only}
     auditor = Auditor(rule for rule in RULES if rule.promise in chosen)
     if (world := options.world_of(args.world)) is not None:
-        auditor.chart(world.outlines)
+        auditor.chart(world.outlines, world)
     audit = _Audit(auditor, loud=not args.json)
     if args.file is None:
         _live(args, audit)

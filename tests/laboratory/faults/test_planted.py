@@ -368,6 +368,10 @@ _INTERFACE = Fault("interface-restart", 8.0, 1.0, ("interface",))
 _IN_A_STOP = Fault("robot-restart", 10.0, 0.5, ("robot",))
 
 
+def on_a_mission(planted: str) -> Case:
+    return replace(case(scenario="surveillance", planted=planted), variant="mission")
+
+
 def with_pauses(scenario: str, planted: str) -> Case:
     """To and fro for a while, with a stop; the robot rests after each mission."""
     drive = case(_STOP, scenario=scenario, planted=planted, lasts=90.0)
@@ -413,9 +417,14 @@ BUGS = (
         for name, promise, scenario in (
             ("early", Promise.REACHED, "sc1"),
             ("fails", Promise.FAILED, "sc1"),
+            ("refuses", Promise.FAILED, "sc1"),
             ("half-speed", Promise.SPEED, "sc1"),
+            ("caps", Promise.SPEED, "sc4"),
             ("stands", Promise.STANDS, "sc1"),
+            ("no-way", Promise.STANDS, "sc4"),
             ("lost", Promise.FOUND, "sc1"),
+            ("blinks", Promise.FOUND, "sc4"),
+            ("unsure", Promise.FOUND, "sc4"),
             ("flickers", Promise.STEADY, "sc1"),
             ("biased", Promise.SENSORS, "sc4"),
             ("slow-brake", Promise.BRAKES, "sc1"),
@@ -437,6 +446,7 @@ BUGS = (
         )
     ),
     Bug(nothing_else, Promise.EARNED, by_laser("no-reflex")),
+    Bug(nothing_else, Promise.REACHED, on_a_mission("skips")),
 )
 
 

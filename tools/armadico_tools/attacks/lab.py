@@ -19,7 +19,7 @@ from typing import Final, NamedTuple, Self
 
 from armadico.config.endpoints import endpoints
 from armadico.config.hosts import load_hosts
-from armadico.core.messages import Ack, Cycle, Message
+from armadico.core.messages import Ack, Card, Cycle, Message
 from armadico.core.resources import WHEELS
 from armadico.launch.client import Client
 from armadico.launch.processes import kill_trees
@@ -261,10 +261,12 @@ class Obeyed:
 
 def killed(client: Client, drive: Obeyed, flood: str, host: str, name: str) -> Killed:
     """Kill an agent of a host, and watch. Raises LabError if it is not there."""
-    cards = [card for card in client.cards().values() if card is not None]
-    there = [card for card in cards if (card.name, card.host) == (name, host)]
+    there = _instances(client, host, name)
+    deadline = client.mesh.now() + LIMIT_S
+    while len(there) != 1 and client.mesh.now() < deadline:  # a card may be late under a flood
+        there = _instances(client, host, name)
     if len(there) != 1:
-        raise LabError(f"{len(there)} instances of {name} on {host}")
+        raise LabError(f"{len(there)} instances of {name} on {host} showed a card")
     before, held = set(client.alive), drive.holder == there[0].instance
     began = client.mesh.now()
     os.kill(there[0].pid, signal.SIGKILL)
@@ -274,6 +276,12 @@ def killed(client: Client, drive: Obeyed, flood: str, host: str, name: str) -> K
         client.wait_for(lambda: False, AFTER_S)
         client.wait_for(lambda: drive.lasts(DRIVES_S), LIMIT_S)
     return Killed(flood, host, name, held, drive.paused(began, client.mesh.now()), back)
+
+
+def _instances(client: Client, host: str, name: str) -> list[Card]:
+    """Return the cards of an agent's live instances on a host."""
+    cards = [card for card in client.cards().values() if card is not None]
+    return [card for card in cards if (card.name, card.host) == (name, host)]
 
 
 @contextmanager

@@ -65,7 +65,7 @@ class Checker:
     ) -> None:
         bounds = bounds or Bounds()
         self.auditor = Auditor(excuses=excuses, v_max=bounds.limit)
-        self.auditor.chart(bounds.walls)
+        self.auditor.chart(bounds.walls, bounds.world)
         self.contacts: Counter[str] = Counter()  # by why; "": they break the promise
         self.record = Record(bounds)
         self.sights = Sightings()

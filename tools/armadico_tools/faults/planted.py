@@ -19,7 +19,9 @@ from msgspec.structs import replace
 from armadico.core.agent import Agent
 from armadico.core.exchange import Bid
 from armadico.core.messages import Description, Message, RobotState
+from armadico.mobile.driven import Stage
 from armadico.mobile.messages import (
+    NO_POSE,
     Correction,
     MissionRequest,
     Plan,
@@ -39,6 +41,9 @@ EARLY_M: Final = 1.0
 """So far from its goal a mission counts as reached, early."""
 
 LOST_AFTER_S: Final = 20.0
+BLINKS, FOUND_CYCLES = 250, 50
+"""Of so many cycles it is lost, but for the second."""
+
 FLICKER: Final = 3
 """Cycles with a bid, and without one."""
 
@@ -165,6 +170,25 @@ def _lost(encoder: Any) -> None:
     _publishes(encoder, change)
 
 
+def _blinks(encoder: Any) -> None:
+    def change(message: Message) -> Message:
+        if isinstance(message, Pose) and message.cycle.number % BLINKS < FOUND_CYCLES:
+            return message
+        return _doubtful(message, 0.3)
+
+    _publishes(encoder, change)
+
+
+def _doubtful(message: Message, variance: float) -> Message:
+    if not isinstance(message, Pose):
+        return message
+    return replace(message, covariance=(variance, 0.0, 0.0, variance, 0.0, 0.001))
+
+
+def _unsure(encoder: Any) -> None:
+    _publishes(encoder, lambda message: _doubtful(message, 0.02))
+
+
 def _flickers(goto: Any) -> None:
     calls = Counter[str]()
 
@@ -199,6 +223,15 @@ def _brakes(robot: Any) -> None:
         return replace(message, v_decel=BRAKES * message.v_decel)
 
     _publishes(robot, change)
+
+
+def _caps(robot: Any) -> None:
+    def cap(method: Callable[..., tuple[float, float]], v: float, w: float) -> tuple[float, float]:
+        safe_v, safe_w = method(v, w)
+        robot._reflex.why = robot._reflex.why or "an obstacle is in the way"
+        return min(safe_v, 0.4 * v) if v > 0.0 else safe_v, safe_w
+
+    _wrap(robot._reflex, "cap", cap)
 
 
 def _late(robot: Any) -> None:
@@ -338,6 +371,24 @@ def _shifts(localization: Any) -> None:
     _publishes(localization, change)
 
 
+def _refuses(interface: Any) -> None:
+    def consider(method: Callable[..., Any], *asked: Any) -> Any:
+        return interface._refuse(NO_POSE) if interface._mission.number else method(*asked)
+
+    _wrap(interface, "_consider", consider)
+
+
+def _no_way(planner: Any) -> None:
+    def plan(method: Callable[..., Plan], request: PlanRequest) -> Plan:
+        return Plan((), refusal="no way") if request.why else method(request)
+
+    _wrap(planner, "_plan", plan)
+
+
+def _impatient(interface: Any) -> None:
+    interface.p = replace(interface.p, nearer_s=0.5)
+
+
 def _misses(interface: Any) -> None:
     def consider(method: Callable[..., Any], question: Any, asked: MissionRequest) -> Any:
         goal = replace(asked.goal, x=asked.goal.x + ASIDE_M)
@@ -378,6 +429,15 @@ def _freezes(perception: Any) -> None:
     _publishes(perception, change)
 
 
+def _skips(planning: Any) -> None:
+    def drive(method: Callable[..., None], entry: Any, wants: Any, *others: Any) -> None:
+        method(entry, wants, *others)
+        if planning.errand.stage in (Stage.PLANNING, Stage.DRIVING):
+            wants.done()
+
+    _wrap(planning, "_drive", drive)
+
+
 def _is_sure(localization: Any) -> None:
     """By readings that it does not use: it is moved, and certain."""
 
@@ -395,14 +455,18 @@ DEFECTS: Final = {
     "lazy": Defect(f"goto stops {GIVES_UP_M:g} m before its goal", {"goto": _lazy}),
     "early": Defect(f"a mission is reached {EARLY_M:g} m before its goal", {"interface": _early}),
     "half-speed": Defect("the robot agent orders half the speed", {"robot": _half}),
+    "caps": Defect("the robot agent says that something is always ahead", {"robot": _caps}),
     "no-reflex": Defect(
         "the robot agent lets every command through, of a liar, too",
         {"robot": _no_reflex, "goto": _runs},
     ),
     "lies": Defect("goto bids high and drives on, whatever is ahead", {"goto": _lies}),
     "fails": Defect("each tenth mission fails without a cause", {"interface": _fails}),
+    "refuses": Defect("a second goal is refused, as without a pose", {"interface": _refuses}),
     "stands": Defect("goto takes the wheels and stands", {"goto": _stands}),
     "lost": Defect(f"the robot is lost for ever after {LOST_AFTER_S:g} s", {"encoder": _lost}),
+    "blinks": Defect("the robot says that it is lost, mostly", {"encoder": _blinks}),
+    "unsure": Defect("the robot is never certain of its place", {"encoder": _unsure}),
     "flickers": Defect(f"goto withdraws its bid every {FLICKER} cycles", {"goto": _flickers}),
     "biased": Defect(f"ranges are published {BIAS_M:g} m too long", {"robot": _biased}),
     "slow-brake": Defect(f"it brakes {BRAKES:g} times as slowly as described", {"robot": _brakes}),
@@ -414,6 +478,10 @@ DEFECTS: Final = {
     "endless": Defect("a mission does not end at its goal", {"interface": _endless}),
     "straight": Defect(
         "paths lead straight to the goal, through walls", {"path-planning": _straight}
+    ),
+    "no-way": Defect(
+        "the planner finds no other path, ever",
+        {"path-planning": _no_way, "interface": _impatient},
     ),
     "keeps": Defect("goto never releases the wheels", {"goto": _keeps}),
     "hides": Defect("obstacles on the left are not published", {"sonar": _hides, "laser": _hides}),
@@ -429,6 +497,7 @@ DEFECTS: Final = {
         {"sonar": _freezes, "laser": _freezes},
     ),
     "turned": Defect("the pose is turned, and certain", {"localization": _is_sure}),
+    "skips": Defect("a mission's task is done once it is under way", {"mission-planning": _skips}),
     "aside": Defect(f"a mission leads {ASIDE_M:g} m beside its goal", {"interface": _misses}),
 }
 """The defects by name."""

@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 from armadico.config.loading import find, load_entry
 from armadico.config.profile import SensorProfile, load_profile
 from armadico.config.scenarios import Scenario
-from armadico.config.worlds import Segment, load_world
+from armadico.config.worlds import Segment, World, load_world
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import (
     Ack,
@@ -133,6 +133,7 @@ class Bounds:
     turn_error: float = 0.0  # of a turn, rad per rad
     outline: Outline = OUTLINE
     walls: tuple[Segment, ...] = ()  # of the world, for the places of contacts
+    world: World | None = None
 
     def stopping_m(self, v: float) -> float:
         """The way to rest from a speed, m: reading, reacting, braking."""
@@ -147,6 +148,7 @@ def bounds_of(scenario: Scenario) -> Bounds:
     profile = load_profile(scenario.robot)
     sensors = load_entry(find("robots", "sensors"), SensorProfile, scenario.sensors)
     limits, body, slip = profile.limits, profile.body, 3.0 * sensors.slip
+    world = load_world(scenario.world) if scenario.world else None
     return Bounds(
         limit=inf if scenario.v_max is None else scenario.v_max,
         v_max=limits.v_max,
@@ -158,7 +160,8 @@ def bounds_of(scenario: Scenario) -> Bounds:
         drift_rad_m=sensors.drift_rad_m + slip,
         turn_error=sensors.turn_error + slip,
         outline=Outline(body.front_m, body.rear_m, body.width_m / 2.0),
-        walls=load_world(scenario.world).outlines if scenario.world else (),
+        walls=() if world is None else world.outlines,
+        world=world,
     )
 
 
