@@ -244,7 +244,7 @@ class Victim:
         before, alive = self.pids(), {i for _, i in self.viewer.alive}
         phantoms: set[str] = set()
         lines = len(self._lines)
-        thread = threading.Thread(target=what.act, args=(peer, self.known, seconds), daemon=True)
+        thread = threading.Thread(target=what.make, args=(peer, self.known, seconds), daemon=True)
         began = time.monotonic()
         thread.start()
         while thread.is_alive():
