@@ -14,7 +14,7 @@ from armadico_tools.attacks import running
 from armadico_tools.attacks.attempts import ATTEMPTS, Known
 from armadico_tools.attacks.peer import Peer
 from armadico_tools.attacks.running import Outcome, linked
-from armadico_tools.attacks.strangers import member, revoked, strangers
+from armadico_tools.attacks.strangers import member, strangers
 from armadico_tools.attacks.victim import Drive, Victim
 from armadico_tools.commands import attacks
 from tests.runtime_folder import fresh_folder
@@ -100,13 +100,12 @@ def test_with_keys_no_stranger_gets_a_link_and_a_member_does_until_it_is_revoked
     closed: Victim,
 ) -> None:
     goto = member(closed, "goto")
-    assert linked(closed, goto.endpoint, goto.settings)
-    got = [who.name for who in strangers(closed) if linked(closed, who.endpoint, who.settings)]
-    assert not got
+    assert linked(closed, goto)
+    assert not [who.name for who in strangers(closed) if linked(closed, who)]
     with Peer(closed.namespace, goto.endpoint, goto.settings) as peer:
-        revoked(closed, "goto")
+        closed.call("", "armadico", "keys", "revoke", "goto", *closed.joining(""))
         assert closed.viewer.wait_for(lambda: not peer.is_linked, 40.0)
-    assert not linked(closed, goto.endpoint, goto.settings)
+    assert not linked(closed, goto)
 
 
 @pytest.mark.live

@@ -6,23 +6,19 @@ join by the Unix socket, or by the port as if they ran on another computer.
 
 from __future__ import annotations
 
-import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Final, NamedTuple
 
 from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.simulator.server import TcpLine
-from armadico.config.endpoints import Endpoints, endpoints
+from armadico.config.endpoints import Endpoints
 from armadico.core.cycles import PERIOD
 from armadico.launch.client import Client
 from armadico.launch.processes import agent_words, command_line
 from armadico.launch.society import Options, members
 from armadico.mesh.door import person
-from armadico.mesh.ports import free_port
 from armadico.mobile.messages import MissionRequest, Waypoint
 from armadico_tools.bench.figures import Figure, figure
 from armadico_tools.bench.latency import (
@@ -84,10 +80,11 @@ def sip_to_command(quick: bool) -> list[Figure]:
 def start(quick: bool) -> list[Figure]:
     """From `armadico up` until the tokens of twelve agents are seen, with keys and without."""
     times: dict[Way, list[float]] = {SOCKET: [], SOCKET_KEYS: []}
-    with Place("doors") as place, _tables(place, TWELVE) as tables:
+    with Place("doors") as place:
+        tables = {way: place.table(way.name, way.protocol, TWELVE) for way in times}
         for _ in range(2 if quick else 5):
             for way, taken in times.items():
-                taken.append(_started(tables[way.protocol]))
+                taken.append(_started(tables[way]))
     return [figure("start-12-keys", "s", times[SOCKET_KEYS], times[SOCKET])]
 
 
@@ -108,35 +105,13 @@ def _started(where: Endpoints) -> float:
 
 
 @contextmanager
-def _tables(place: Place, agents: tuple[str, ...]) -> Iterator[dict[str, Endpoints]]:
-    """A table of one host with these agents, without keys ("tcp") and with ("tls")."""
-    with TemporaryDirectory(prefix="armadico-doors-") as folder:
-        found = {}
-        for protocol in ("tcp", "tls"):
-            table = Path(folder) / f"{protocol}.toml"
-            keys = f'keys = "{protocol}"\n' if protocol == "tls" else ""
-            names = ", ".join(f'"{agent}"' for agent in agents)
-            port = f'router = "{protocol}/127.0.0.1:{free_port()}"'
-            table.write_text(f"{keys}[here]\n{port}\nagents = [{names}]\n", encoding="utf-8")
-            namespace = f"{place.namespace}-{protocol}"
-            if keys:
-                words = ["keys", "init", "--hosts", str(table), "--host", "here"]
-                command = command_line([*words, "--namespace", namespace], tied=True)
-                subprocess.run(command, check=True, capture_output=True, timeout=SOON_S)
-            found[protocol] = endpoints(namespace, hosts=table, host="here")
-        yield found
-
-
-@contextmanager
 def _driving(place: Place, way: Way, phase: float) -> Iterator[Stopwatch]:
     """A society of its own whose robot drives down a corridor.
 
     Its cycles begin at this share of the others' period, so that they do not wait for one another.
     """
-    own = Place(way.name)
-    own.namespace = f"{place.namespace}-{way.name}"
     with ExitStack() as stack:
-        where = stack.enter_context(_tables(own, ("robot", *AGENTS)))[way.protocol]
+        where = place.table(way.name, way.protocol, ("robot", *AGENTS))
         assert where.table is not None, "it has one"
         router = where.table.robots_router
         assert router is not None, "the table names it"

@@ -56,6 +56,7 @@ def run(args: Options) -> int:
     """Run attacks, each on a society that works; 1 if a stranger got a link or had an effect."""
     from armadico_tools.attacks import running
     from armadico_tools.attacks.attempts import ATTEMPTS
+    from armadico_tools.testbed import PlaceError
 
     for name in args.names:
         if name not in ATTEMPTS:
@@ -78,7 +79,7 @@ def run(args: Options) -> int:
             outcomes.append(outcome)
             if not (args.json or args.table):
                 print(f"{outcome.who:<28}{outcome.name:<18}{outcome.text}", flush=True)
-    except running.VictimError as error:
+    except PlaceError as error:
         raise FailedError(str(error)) from None
     finally:
         _print_whole(args, outcomes)
@@ -110,6 +111,7 @@ def _floods(*, as_json: bool) -> int:
 
     from armadico_tools.attacks import lab
     from armadico_tools.hosts.namespaces import lacking
+    from armadico_tools.testbed import PlaceError
 
     if (trouble := lacking()) is not None:
         raise FailedError(trouble)
@@ -126,7 +128,7 @@ def _floods(*, as_json: bool) -> int:
                         f"back {_shown(each.back):<8}pause {each.paused:.2f} s",
                         flush=True,
                     )
-        except lab.LabError as error:
+        except PlaceError as error:
             raise FailedError(str(error)) from None
     if as_json:
         print(json.dumps([each._asdict() for each in found], indent=1))
