@@ -12,7 +12,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -92,10 +92,6 @@ class Lab(Namespaces):
             endpoints(self.namespace).mesh(name, starts=True) as mesh,
         ):
             yield Client(mesh)
-
-    def viewer(self) -> AbstractContextManager[Client]:
-        """A guest on the robot's computer, which only looks."""
-        return self.client(VIEWER)
 
     def wait_for_keys(self) -> None:
         """Wait until the robot agent listens, whose socket leads to the keys."""
@@ -177,7 +173,7 @@ def recoveries(folder: Path, floods: tuple[Flood, ...] = FLOODS) -> Iterator[Kil
         lab.up(ROBOT, "--set", f"interface.reach_m={5 * FAR_M:g}")
         lab.up(LAB)
         lab.wait_for_keys()
-        client = stack.enter_context(lab.viewer())
+        client = stack.enter_context(lab.client(VIEWER))
         drive = Obeyed(client)
         agents = Counter(name for _, name in IN_TURN)
         lab.until(client, lambda: Counter(n for n, _ in client.alive) >= agents, "the society")
@@ -224,12 +220,10 @@ class Obeyed:
 
 def killed(client: Client, drive: Obeyed, flood: str, host: str, name: str) -> Killed:
     """Kill an agent of a host, and watch. Raises PlaceError if it is not there."""
-    there = _instances(client, host, name)
     deadline = client.mesh.now() + LIMIT_S
-    while len(there) != 1 and client.mesh.now() < deadline:  # a card may be late under a flood
-        there = _instances(client, host, name)
-    if len(there) != 1:
-        raise PlaceError(f"{len(there)} instances of {name} on {host} showed a card")
+    while len(there := _instances(client, host, name)) != 1:  # a card may be late under a flood
+        if client.mesh.now() > deadline:
+            raise PlaceError(f"{len(there)} instances of {name} on {host} showed a card")
     before, held = set(client.alive), drive.holder == there[0].instance
     began = client.mesh.now()
     os.kill(there[0].pid, signal.SIGKILL)

@@ -48,10 +48,6 @@ class Way(NamedTuple):
     protocol: str  # of the robot's port
     by_port: bool
 
-    @property
-    def keys(self) -> bool:
-        return self.protocol == "tls"
-
 
 SOCKET, SOCKET_KEYS = Way("socket", "tcp", False), Way("socket-keys", "tls", False)
 TCP, TLS = Way("tcp", "tcp", True), Way("tls-keys", "tls", True)
@@ -84,23 +80,19 @@ def start(quick: bool) -> list[Figure]:
         tables = {way: place.table(way.name, way.protocol, TWELVE) for way in times}
         for _ in range(2 if quick else 5):
             for way, taken in times.items():
-                taken.append(_started(tables[way]))
+                taken.append(_started(place, tables[way]))
     return [figure("start-12-keys", "s", times[SOCKET_KEYS], times[SOCKET])]
 
 
-def _started(where: Endpoints) -> float:
-    assert where.table is not None, "it has one"
+def _started(place: Place, where: Endpoints) -> float:
     besides = [word for name in ("teleop", "mission-planning") for word in ("--with", name)]
-    words = ["up", "sc4", *besides, "--hosts", where.table.file, "--host", "here"]
-    command = command_line([*words, "--namespace", where.namespace], tied=True)
+    words = ["up", "sc4", *besides, "--namespace", where.namespace, *where.words]
     with closing(where.mesh(starts=True)) as mesh:
         mesh.open()
         client = Client(mesh)
         began = time.monotonic()
-        with started(command):
-            if not client.wait_for(lambda: {n for n, _ in client.alive} >= {*TWELVE}, SOON_S):
-                missing = {*TWELVE} - {name for name, _ in client.alive}
-                raise TimeoutError(f"not within {SOON_S:.0f} s: {', '.join(sorted(missing))}")
+        with started(command_line(words, tied=True)):
+            place.until(client, lambda: {n for n, _ in client.alive} >= {*TWELVE}, "the society")
             return time.monotonic() - began
 
 
@@ -112,9 +104,7 @@ def _driving(place: Place, way: Way, phase: float) -> Iterator[Stopwatch]:
     """
     with ExitStack() as stack:
         where = place.table(way.name, way.protocol, ("robot", *AGENTS))
-        assert where.table is not None, "it has one"
-        router = where.table.robots_router
-        assert router is not None, "the table names it"
+        (router,) = where.known
         line = TcpLine("127.0.0.1", 0)
         stack.callback(line.close)
         decoder = Decoder()
@@ -126,8 +116,7 @@ def _driving(place: Place, way: Way, phase: float) -> Iterator[Stopwatch]:
         time.sleep((phase * PERIOD - time.monotonic()) % PERIOD)
         stack.enter_context(simulated(pioneer(), watch))
         for member in members(DRIVE, Options(), f"tcp://127.0.0.1:{line.port}"):
-            words = agent_words([member], where.namespace)
-            words += ["--hosts", where.table.file, "--host", "here"]
+            words = [*agent_words([member], where.namespace), *where.words]
             if way.by_port and member.name != "robot":
                 words += ["--connect", router]
             stack.enter_context(started(command_line(words, tied=True)))
@@ -135,8 +124,7 @@ def _driving(place: Place, way: Way, phase: float) -> Iterator[Stopwatch]:
         mesh.open()
         client = Client(mesh)
         names = {"robot", *AGENTS}
-        if not client.wait_for(lambda: {n for n, _ in client.alive} >= names, SOON_S):
-            raise TimeoutError(f"{way.name}: the society did not start")
+        place.until(client, lambda: {n for n, _ in client.alive} >= names, f"society {way.name}")
         request = MissionRequest(Waypoint(*GOAL), planned=False)
         client.request_mission(request, again=SOON_S)
         mesh.close()  # so that no guest receives
