@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -29,6 +30,13 @@ def apart(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 def test_list_names_every_attack(capsys: pytest.CaptureFixture[str]) -> None:
     assert attacks.main(["--list"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(ATTEMPTS)
+
+
+def test_the_page_has_a_row_for_each_attack() -> None:
+    page = Path("docs/security.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `([\w-]+)` \| (.*?) \|", page, re.MULTILINE)
+    attempts = [(attempt.name, attempt.text) for attempt in ATTEMPTS.values()]
+    assert rows[: len(attempts)] == attempts
 
 
 @pytest.mark.parametrize(

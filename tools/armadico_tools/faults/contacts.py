@@ -73,11 +73,6 @@ PREVENTABLE: Final = frozenset({Cause.SEEN, Cause.TOO_FAST})
 """Contacts that the robot could have prevented by what its sensors read."""
 
 
-def unknowable(cause: Cause) -> str:
-    """Why no sensor could have known, in words; "" if one could."""
-    return "" if cause in PREVENTABLE else cause.value
-
-
 Counted = tuple[int, Pose2]
 """An epoch, and the pose by the wheels' counts."""
 
