@@ -33,7 +33,7 @@ def test_list_names_every_attack(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_the_page_has_a_row_for_each_attack() -> None:
-    page = Path("docs/security.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[3] / "docs" / "security.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `([\w-]+)` \| (.*?) \|", page, re.MULTILINE)
     attempts = [(attempt.name, attempt.text) for attempt in ATTEMPTS.values()]
     assert rows[: len(attempts)] == attempts
