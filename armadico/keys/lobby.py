@@ -9,7 +9,6 @@ keeps no other one out. The addresses of the host table are served before all ot
 
 from __future__ import annotations
 
-import ipaddress
 from collections import OrderedDict
 from dataclasses import dataclass, field
 from typing import Final, Generic, TypeVar
@@ -153,12 +152,3 @@ class Lobby(Generic[C]):
         for ration in rations:
             ration.refill(now)
         return rations
-
-
-def source_of(address: str) -> str:
-    """Return what an address counts as: with IPv6 its network, which one machine has whole."""
-    found = ipaddress.ip_address(address.partition("%")[0])
-    if isinstance(found, ipaddress.IPv6Address):
-        mapped = found.ipv4_mapped
-        return str(mapped or ipaddress.ip_network((int(found), 64), strict=False))
-    return str(found)
