@@ -1,6 +1,6 @@
 """A limited number of places for connections, of which the newest always gets one (sans-IO).
 
-If all places are taken, one connection has to leave: of the lowest rank, then of the source that has
+If all places are taken, one connection has to leave: of the lowest rank, then of the source with
 most of that rank, then the oldest. So a source that floods the server displaces its own
 connections, and a person who connects is served before strangers who connected earlier.
 """

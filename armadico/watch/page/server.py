@@ -25,9 +25,9 @@ from websockets.frames import CloseCode
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
-from armadico.mesh.sources import source_of
+from armadico.mesh.sources import Rations, source_of
 from armadico.observe.page_requests import LONGEST
-from armadico.watch.page.guard import PROTOCOL, Guard, bearer, is_loopback, token_in
+from armadico.watch.page.guard import PROTOCOL, Guard, Refusal, bearer, is_loopback, token_in
 from armadico.watch.page.places import Places
 from armadico.watch.page.session import Session
 
@@ -43,6 +43,12 @@ ANSWERS: Final = 256  # answers that may wait for a browser; beyond them it is d
 # closing. Thousands of them would leave the process no file descriptors.
 WAITING: Final = 256
 BACKLOG: Final = 1024  # connections that the system keeps until they are accepted
+
+# What one source may open at once, and then per second. A page takes ten connections.
+CONNECTIONS: Final = 400.0
+CONNECTIONS_HZ: Final = 100.0  # from another computer
+LOOKERS: Final = 2.0 * MOST
+LOOKERS_HZ: Final = 4.0  # browsers without the token
 
 OPEN_S: Final = 3.0  # timeout of a connection's request
 CLOSE_S: Final = 1.0  # timeout of closing handshakes at the end
@@ -111,6 +117,8 @@ class Server:
         self._sockets: set[asyncio.Transport] = set()
         self._waiting = Places[asyncio.Transport](WAITING)
         self._seats = Places[str](MOST)
+        self._connections = Rations(CONNECTIONS_HZ, CONNECTIONS)
+        self._lookers = Rations(LOOKERS_HZ, LOOKERS)
         self._closing: set[asyncio.Task[None]] = set()
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
@@ -189,7 +197,10 @@ class Server:
         refusal = self._guard.refusal(_one(headers, "Host"), _one(headers, "Origin"))
         path = request.path.partition("?")[0]
         if refusal is None and path in (SOCKET, ALLOWED):
-            refusal = self._guard.admit(_token(headers))
+            token, source = _token(headers), _source(connection.transport)
+            refusal = self._guard.admit(token)
+            if refusal is None and path == SOCKET and not self._guard.may(token):
+                refusal = self._rationed(source)
         if refusal is not None:
             return _response(connection, refusal.status, refusal.why.encode(), "text/plain")
         if path == SOCKET:
@@ -201,6 +212,12 @@ class Server:
             return _response(connection, 404, b"not found", "text/plain")
         data, kind = found
         return _response(connection, 200, data, kind)
+
+    def _rationed(self, source: str) -> Refusal | None:
+        """Why a browser without the token is refused; None while its source opens few."""
+        if self._lookers.take(source, self._loop.time()):
+            return None
+        return Refusal(503, f"too many browsers connect from {source}: try again in a second")
 
     async def _serve(self, connection: ServerConnection) -> None:
         peer = connection.remote_address
@@ -243,6 +260,9 @@ class Server:
     def _arrived(self, transport: asyncio.Transport) -> None:
         self._sockets.add(transport)
         self._admit(transport)
+        source = _source(transport)
+        if not (is_loopback(source) or self._connections.take(source, self._loop.time())):
+            transport.abort()
 
     def _admit(self, transport: asyncio.Transport) -> None:
         """Let a connection wait; the one that has to leave for it is closed."""

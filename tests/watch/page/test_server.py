@@ -9,6 +9,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
+from functools import partial
 from typing import Any
 
 import pytest
@@ -179,6 +180,15 @@ def _hello(opened: ClientConnection) -> str:
     return str(json.loads(opened.recv(SOON))["type"])
 
 
+def _opens(place: Place, *protocols: str, **more: Any) -> bool:
+    """Whether a browser gets in; it is refused because its source opens too many otherwise."""
+    try:
+        return _hello(place.open(None, *protocols, **more)) == "hello"
+    except InvalidStatus as refused:
+        assert refused.response.status_code == 503  # noqa: PT017
+        return False
+
+
 def _dismissed(opened: ClientConnection) -> bool:
     """Whether the server has closed a connection because another one has its place."""
     with suppress(ConnectionClosed):
@@ -201,9 +211,18 @@ def test_browsers_without_the_token_take_no_place_of_one_that_has_it(locked: Pla
     assert {_hello(each) for each in strangers} == {"hello"}
     holder = locked.open(None, subprotocol(TOKEN))
     assert _hello(holder) == "hello"
-    assert {_hello(locked.open()) for _ in range(MOST)} == {"hello"}
+    assert _hello(locked.open()) == "hello"
     holder.send("{}")
     assert json.loads(holder.recv(SOON))["type"] == "answer"
+
+
+def test_a_source_that_opens_many_browsers_without_the_token_is_refused_alone(
+    locked: Place,
+) -> None:
+    opens = partial(_opens, locked)
+    assert False in iter(opens, None)
+    assert opens(subprotocol(TOKEN))
+    assert opens(source_address=("127.0.0.2", 0))
 
 
 def test_a_browser_without_a_place_gets_a_stop_through_and_is_told_why(locked: Place) -> None:
