@@ -25,7 +25,7 @@ from websockets.frames import CloseCode
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
-from armadico.mesh.sources import Rations, source_of
+from armadico.mesh.sources import Ration, Rations, source_of
 from armadico.observe.page_requests import LONGEST
 from armadico.watch.page.guard import PROTOCOL, Guard, Refusal, bearer, is_loopback, token_in
 from armadico.watch.page.places import Places
@@ -49,6 +49,8 @@ CONNECTIONS: Final = 400.0
 CONNECTIONS_HZ: Final = 100.0  # from another computer
 LOOKERS: Final = 2.0 * MOST
 LOOKERS_HZ: Final = 4.0  # browsers without the token
+REQUESTS: Final = 32.0
+REQUESTS_HZ: Final = 8.0  # of one of these; more wait
 
 OPEN_S: Final = 3.0  # timeout of a connection's request
 CLOSE_S: Final = 1.0  # timeout of closing handshakes at the end
@@ -233,9 +235,12 @@ class Server:
         if displaced is not None:
             self._dismiss(self._browsers[displaced])
         self._session.on_connect(name, may=may)
+        ration = Ration(REQUESTS_HZ, REQUESTS, self._loop.time())
         try:
             async for data in connection:
                 self._session.on_message(name, data)
+                if not may:
+                    await self._wait(ration)
         except ConnectionClosed:
             pass
         finally:
@@ -243,6 +248,14 @@ class Server:
             self._seats.leave(name)
             self._session.on_disconnect(name)
             writing.cancel()
+
+    async def _wait(self, ration: Ration) -> None:
+        """Wait until one of a ration is left, and take it."""
+        ration.refill(self._loop.time())
+        if (wait := ration.until_one()) > 0.0:
+            await asyncio.sleep(wait)
+            ration.refill(self._loop.time())
+        ration.left -= 1.0
 
     def _dismiss(self, browser: _Browser) -> None:
         """End a browser whose place another one has: it is shown nothing more, and closed soon."""
