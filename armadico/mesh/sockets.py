@@ -309,6 +309,14 @@ def shares_of(namespace: str) -> list[Path]:
     return sorted(folder().glob(f"{stem(namespace)}@*.json"))
 
 
+def starting(namespace: str, within: float) -> bool:
+    """Return whether a share of a society was started here less than so long ago, s."""
+    with suppress(OSError, TopologyError):  # it ends, or there is no folder
+        now = time.time()
+        return any(is_held(p) and now - p.stat().st_mtime < within for p in shares_of(namespace))
+    return False
+
+
 def owner(lock: Path) -> int | None:
     """Return the pid of this user's process that has a file locked; None if none has.
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
+import socket
 import threading
 from collections.abc import Callable, Coroutine, Sequence
 from functools import cache
@@ -43,14 +45,16 @@ ANSWERS: Final = 256  # answers that may wait for a browser; beyond them it is d
 # closing. Thousands of them would leave the process no file descriptors.
 WAITING: Final = 256
 BACKLOG: Final = 1024  # connections that the system keeps until they are accepted
+ACCEPTED: Final = 32  # connections that are accepted before others are served
 
 # What one source may open at once, and then per second. A page takes ten connections.
 CONNECTIONS: Final = 400.0
 CONNECTIONS_HZ: Final = 100.0  # from another computer
 LOOKERS: Final = 2.0 * MOST
 LOOKERS_HZ: Final = 4.0  # browsers without the token
-REQUESTS: Final = 32.0
-REQUESTS_HZ: Final = 8.0  # of one of these; more wait
+STRANGERS_HZ: Final = 8.0  # of these, all from other computers together
+REQUESTS: Final = 16.0
+REQUESTS_HZ: Final = 4.0  # of one of these; more wait
 
 OPEN_S: Final = 3.0  # timeout of a connection's request
 CLOSE_S: Final = 1.0  # timeout of closing handshakes at the end
@@ -121,6 +125,7 @@ class Server:
         self._seats = Places[str](MOST)
         self._connections = Rations(CONNECTIONS_HZ, CONNECTIONS)
         self._lookers = Rations(LOOKERS_HZ, LOOKERS)
+        self._strangers = Rations(STRANGERS_HZ, LOOKERS)
         self._closing: set[asyncio.Task[None]] = set()
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
@@ -171,11 +176,11 @@ class Server:
     # On its own thread ---------------------------------------------------------------------------
 
     async def _listen(self, address: str, port: int) -> Listening:
-        return await serve(
+        listening = await serve(
             self._serve,
             address,
             port,
-            backlog=BACKLOG,
+            backlog=ACCEPTED,
             process_request=self._check,
             select_subprotocol=_subprotocol,
             compression=None,  # it costs time and saves little for small messages
@@ -189,6 +194,10 @@ class Server:
             server_header=None,
             logger=logger,
         )
+        for each in listening.sockets:
+            with socket.socket(fileno=os.dup(each.fileno())) as same:
+                same.listen(BACKLOG)  # asyncio would accept so many in one turn
+        return listening
 
     def _check(self, connection: ServerConnection, request: Request) -> Response | None:
         """The response to a request; None for a WebSocket that is allowed.
@@ -216,10 +225,15 @@ class Server:
         return _response(connection, 200, data, kind)
 
     def _rationed(self, source: str) -> Refusal | None:
-        """Why a browser without the token is refused; None while its source opens few."""
-        if self._lookers.take(source, self._loop.time()):
-            return None
-        return Refusal(503, f"too many browsers connect from {source}: try again in a second")
+        """Why a browser without the token is refused; None while few open."""
+        now = self._loop.time()
+        if not self._lookers.take(source, now):
+            return Refusal(503, f"too many browsers connect from {source}: try again in a second")
+        if not (is_loopback(source) or self._strangers.take("", now)):
+            return Refusal(
+                503, "too many browsers connect without the token: try again in a second"
+            )
+        return None
 
     async def _serve(self, connection: ServerConnection) -> None:
         peer = connection.remote_address

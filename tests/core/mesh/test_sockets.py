@@ -33,6 +33,7 @@ from armadico.mesh.sockets import (
     robots_here,
     share_of,
     socket_of,
+    starting,
     stop,
 )
 from armadico.mesh.topology import MeshError, TopologyError, topology
@@ -167,6 +168,17 @@ def test_a_robot_that_runs_with_another_runtime_folder_is_found(
         assert elsewhere("lab/r1") == {other / "armadico": os.getpid()}
         assert elsewhere("r2") == {other / "armadico": os.getpid()}
         assert elsewhere("r1") == {}
+
+
+def test_a_society_is_starting_while_its_share_is_young_and_runs(base: Path) -> None:
+    path = share_of("robot1", "desk")
+    path.touch()
+    assert not starting("robot1", 1e6)
+    with locked(path):
+        assert starting("robot1", 1e6)
+        assert not starting("robot2", 1e6)
+        os.utime(path, (0, 0))
+        assert not starting("robot1", 1e6)
 
 
 def test_the_robots_of_this_computer_are_those_that_run(base: Path) -> None:
