@@ -84,21 +84,16 @@ def test_what_is_latched_is_remembered_however_far_it_has_come(stage: Stage) -> 
     assert agent.memory.newest(Trajectory) == MISSION
 
 
-def _logged(driver: Driver) -> list[str]:
-    sent = [item.message for item in driver.drain() if isinstance(item, Publish)]
-    return [message.text for message in sent if isinstance(message, Log)]
-
-
 def test_a_dated_stop_waits_for_the_first_state_of_the_robot_and_accuses_nobody() -> None:
     agent, driver, now = begun()
     deliver(driver, replace(STOP, epoch=9), now, "robot/stop/page-1")
     assert agent.memory.newest(Stop) is None, "it may be an old recording's"
-    assert not _logged(driver)
+    assert not logged(driver)
     state = RobotState(Cycle(9, 1), 0, 0, 0, 0, 0, 12, True, False, STOP)
     deliver(driver, state, now)
     assert agent.memory.newest(Stop) == STOP
     deliver(driver, replace(STOP, epoch=8), now, "robot/stop/page-1")
-    assert _logged(driver)
+    assert logged(driver)
 
 
 def test_a_refused_agent_stores_nothing() -> None:
