@@ -9,6 +9,7 @@ from typing import Final
 from armadico.cli import options
 from armadico.cli.latch import Options, latch
 from armadico.cli.parsing import Command
+from armadico.mesh.topology import TopologyError
 
 EXAMPLES: Final = """\
   armadico stop                       no agent drives it until `armadico resume`
@@ -47,7 +48,7 @@ def _others(namespace: str) -> str:
     """The other robots of this computer, with commas."""
     from armadico.mesh.sockets import robots_here
 
-    with suppress(options.TopologyError):
+    with suppress(TopologyError):
         return ", ".join(name for name in robots_here() if name != namespace)
     return ""
 
