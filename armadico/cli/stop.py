@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import Final
@@ -26,6 +27,8 @@ def run(args: Options) -> int:
     except options.UnknownError as error:
         raise options.UnknownError(_not(error)) from None
     except (*options.BROKEN, OSError) as error:
+        if isinstance(error, OSError) and error.errno in (errno.EPIPE, errno.ENOSPC):
+            raise  # it is stopped, and that could not be printed
         raise options.FailedError(_not(error, args.mesh.namespace)) from None
     except KeyboardInterrupt:
         options.report(_not("interrupted before the robot agent confirmed the stop"))
