@@ -36,8 +36,9 @@ from armadico.keys.admission import NO_TLS, Admission, failure, introduced
 from armadico.keys.asking import RENEWAL
 from armadico.keys.expiry import LINKS
 from armadico.keys.link import FLOWS, Link
-from armadico.keys.lobby import Lobby, source_of
+from armadico.keys.lobby import Lobby
 from armadico.keys.store import Store
+from armadico.mesh.sources import source_of
 
 logger = logging.getLogger("armadico.keys")
 
