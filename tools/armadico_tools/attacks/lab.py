@@ -100,19 +100,23 @@ class Lab:
             raise LabError(f"{host}: {' '.join(words)}: exit {process.returncode}: {out}")
         return out
 
-    def set_up(self) -> None:
-        """Make the keys of all hosts, and bring them there."""
+    def set_up(self, certificate_s: float | None = None) -> None:
+        """Make the keys of all hosts, and bring them there.
+
+        `certificate_s` is how long the certificates of other computers are valid, s.
+        """
+        hours = () if certificate_s is None else ("--hours", f"{certificate_s / 3600.0:.9f}")
         self.call(ROBOT, "armadico", "keys", "init")
         for host in (LAB, DESK):
-            self.call(ROBOT, "armadico", "keys", "host", host)
+            self.call(ROBOT, "armadico", "keys", "host", host, *hours)
             self.call(ROBOT, "mv", f"{host}-keys.tar", f"../{host}")  # scp between computers
             self.call(host, "tar", "-xf", f"{host}-keys.tar")
 
     def up(self, host: str, *more: str) -> subprocess.Popen[bytes]:
         """Start a host's share of the society."""
         folder = self.folder / host
-        words = ("up", str(folder / "road.toml"), "--hosts", str(folder / "lab.toml"), *more)
-        return self.bed.start(host, host, [*words, "--host", host, "--restarts", "100"])
+        words = ("up", str(folder / "road.toml"), "--hosts", str(folder / "lab.toml"))
+        return self.bed.start(host, host, [*words, "--host", host, "--restarts", "100", *more])
 
     @contextmanager
     def client(self, name: str) -> Iterator[Client]:
