@@ -20,6 +20,7 @@ from armadico.core.messages import Ack, Ask, BidHistory, Card, Command, RobotSta
 from armadico.core.services import BIDS
 from armadico.launch.client import Client
 from armadico.mesh.door import VIEWER, person
+from armadico.mobile.messages import MissionRequest, Waypoint
 from armadico_tools.attacks.lab import DRIVERS, FAR_M, IN_TURN, LAB, LIMIT_S, ROBOT, Lab
 from armadico_tools.attacks.pauses import Drive, Kill, Pause, summary
 from armadico_tools.markdown import table
@@ -132,8 +133,9 @@ class _Run:
             client, lambda: Counter(n for n, _ in client.alive) >= agents, "the society"
         )
         expected = Counter(n for n, _ in client.alive)
-        with self._lab.client(driver) as person_there:
-            person_there.goto(FAR_M, 0.0, 0.0, direct=True)
+        with self._lab.client(driver) as there:  # a busy computer may have no pose yet
+            order = MissionRequest(Waypoint(FAR_M, 0.0, 0.0), planned=False)
+            there.request_mission(order, again=DRIVES_WITHIN_S)
         self._until_driving()
         self._look_at_cards()
         owner = next(card.pid for card in self._cards.values() if card.name == "robot")
