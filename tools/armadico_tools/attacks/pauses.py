@@ -21,7 +21,7 @@ LIMIT_S: Final = 0.4
 """A longer time without a newly obeyed command is a pause."""
 
 AFTER_KILL_S: Final = 5.0
-"""A kill explains what an agent did not publish for so long: it has to be back by then."""
+"""A kill explains a pause that begins at most so long after it: the agent has to be back by then."""
 
 LATE_S: Final = 0.35
 """A longer time between two acknowledgements is silence of the robot agent."""
@@ -47,7 +47,7 @@ class Pause(NamedTuple):
     Attributes:
         begin: When the last command was known to be obeyed, s.
         end: When the next one was, s; the end of the observation if none was.
-        killed: The agent that was killed last, at most `AFTER_KILL_S` before its end; else "".
+        killed: The agent that was killed last before its end, if that may explain it; else "".
         held: Whether that agent's process held the wheels.
         reasons: How many cycles each reason had; the most frequent, the cause, first.
     """
@@ -131,7 +131,8 @@ class Drive:
         return [self._explained(a, b, last) for (a, _), (b, last) in pairs if b - a > LIMIT_S]
 
     def _explained(self, begin: float, end: float, last: int | None) -> Pause:
-        kill = next((k for k in reversed(self.kills) if end - AFTER_KILL_S <= k.at < end), None)
+        since = begin - AFTER_KILL_S
+        kill = next((k for k in reversed(self.kills) if since <= k.at < end), None)
         reasons = self._reasons(begin, end, last).most_common()
         name, held = ("", False) if kill is None else (kill.name, kill.held)
         return Pause(begin, end, name, held, tuple(reasons))
@@ -142,16 +143,16 @@ class Drive:
         silence = longest([begin, *(at for at, _ in acks), end])
         reasons: Counter[str] = Counter()
         if silence > LATE_S:
-            owner = Cause.OWNER if self._killed("robot", end) else Cause.SILENT
+            owner = Cause.OWNER if self._killed("robot", begin, end) else Cause.SILENT
             reasons[owner] += round(silence / PERIOD)
         if any(begin <= at <= end for at in self._stopped):
             reasons[Cause.STOPPED] += len(acks)
         for _, number in acks:
             if last is None or number < last:
-                reasons[self._reason(number, end)] += 1
+                reasons[self._reason(number, begin, end)] += 1
         return reasons or Counter({Cause.SILENT: 1})
 
-    def _reason(self, number: int, end: float) -> str:
+    def _reason(self, number: int, begin: float, end: float) -> str:
         """Why no command of a cycle was obeyed."""
         bids = self._bids.get(number, {}).values()
         if number in self._commanded:
@@ -162,13 +163,15 @@ class Drive:
         if lacking:
             key = lacking.most_common(1)[0][0]
             agents = [n for n, keys in self.provides.items() if any(matches(k, key) for k in keys)]
-            was = any(self._killed(name, end) for name in agents)
+            was = any(self._killed(name, begin, end) for name in agents)
             return f"{Cause.INPUT if was else Cause.LATE} ({key})"
-        whys = Counter(bid.reason for bid in bids if bid.utility is None)
+        whys = Counter(bid.reason if bid.utility is None else "a bid of 0" for bid in bids)
         return f"{Cause.NO_BID} ({whys.most_common(1)[0][0]})" if whys else Cause.NO_TURN
 
-    def _killed(self, name: str, end: float) -> bool:
-        return any(k.name == name and end - AFTER_KILL_S <= k.at < end for k in self.kills)
+    def _killed(self, name: str, begin: float, end: float) -> bool:
+        """Whether an agent's kill may explain a pause."""
+        since = begin - AFTER_KILL_S
+        return any(k.name == name and since <= k.at < end for k in self.kills)
 
 
 def longest(times: Sequence[float]) -> float:
