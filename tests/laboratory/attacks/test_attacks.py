@@ -39,6 +39,8 @@ def test_list_names_every_attack(capsys: pytest.CaptureFixture[str]) -> None:
         (["--links"], "--links needs --keys"),
         (["--floods"], "--floods needs --keys"),
         (["--seconds", "0"], "at least 1"),
+        (["--keys", "--soak", "0"], "at least 1"),
+        (["--keys", "--soak", "1", "--certificates", "9"], "at least 10"),
     ],
 )
 def test_wrong_words_are_refused(words: list[str], why: str) -> None:

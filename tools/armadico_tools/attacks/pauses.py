@@ -21,7 +21,7 @@ LIMIT_S: Final = 0.4
 """A longer time without a newly obeyed command is a pause."""
 
 AFTER_KILL_S: Final = 5.0
-"""A kill explains a pause that begins at most so long after it: the agent has to be back by then."""
+"""A kill explains a pause that begins at most so long after it: the agent is to be back by then."""
 
 LATE_S: Final = 0.35
 """A longer time between two acknowledgements is silence of the robot agent."""
