@@ -40,7 +40,7 @@ def test_list_names_every_attack(capsys: pytest.CaptureFixture[str]) -> None:
         (["--floods"], "--floods needs --keys"),
         (["--seconds", "0"], "at least 1"),
         (["--keys", "--soak", "0"], "at least 1"),
-        (["--keys", "--soak", "1", "--certificates", "9"], "at least 10"),
+        (["--keys", "--soak", "1", "--certificates", "35"], "at least 36"),
     ],
 )
 def test_wrong_words_are_refused(words: list[str], why: str) -> None:

@@ -115,8 +115,8 @@ class Lab:
     def up(self, host: str, *more: str) -> subprocess.Popen[bytes]:
         """Start a host's share of the society."""
         folder = self.folder / host
-        words = ("up", str(folder / "road.toml"), "--hosts", str(folder / "lab.toml"))
-        return self.bed.start(host, host, [*words, "--host", host, "--restarts", "100", *more])
+        words = ("up", str(folder / "road.toml"), "--hosts", str(folder / "lab.toml"), *more)
+        return self.bed.start(host, host, [*words, "--host", host, "--restarts", "100"])
 
     @contextmanager
     def client(self, name: str) -> Iterator[Client]:

@@ -38,7 +38,6 @@ ASKS_S: Final = 1.0
 SETTLES_S: Final = 5.0
 """The society's last state is taken so long after the last kill was recovered from."""
 
-RESTARTS: Final = 100_000
 PORTER: Final = "armadico.keys.porter"
 
 
@@ -100,7 +99,7 @@ def soak(
     """Run a soak. Raises LabError if the society does not come up, or the robot drives no more."""
     with ExitStack() as stack:
         lab = stack.enter_context(Lab(folder, DRIVERS if keys else _open(DRIVERS)))
-        more = ("--restarts", str(RESTARTS), *(() if keys else ("--open",)))
+        more = () if keys else ("--open",)
         if keys:
             lab.set_up(certificate_s)
         lab.up(ROBOT, "--set", f"interface.reach_m={5 * FAR_M:g}", *more)

@@ -57,7 +57,7 @@ class Options:
         "with --soak --keys: certificates of the other computers are valid for so long, s",
         default=60,
         metavar="S",
-        must=at_least(10),
+        must=at_least(36),
     )
     seconds: int = option("attack for so long, s", default=3, metavar="S", must=at_least(1))
     json: bool = flag("print JSON")
