@@ -47,6 +47,8 @@ def test_the_page_has_a_row_for_each_attack() -> None:
         (["--links"], "--links needs --keys"),
         (["--floods"], "--floods needs --keys"),
         (["--seconds", "0"], "at least 1"),
+        (["--keys", "--soak", "0"], "at least 1"),
+        (["--keys", "--soak", "1", "--certificates", "35"], "at least 36"),
     ],
 )
 def test_wrong_words_are_refused(words: list[str], why: str) -> None:

@@ -70,11 +70,15 @@ class Lab(Namespaces):
         joins = ("--hosts", "lab.toml", "--host", host) if words[0] == "armadico" else ()
         return super().call(host, *words, *joins, cwd=self.folder / host, **options)
 
-    def set_up(self) -> None:
-        """Make the keys of all hosts, and bring them there."""
+    def set_up(self, certificate_s: float | None = None) -> None:
+        """Make the keys of all hosts, and bring them there.
+
+        `certificate_s` is how long the certificates of other computers are valid, s.
+        """
+        hours = () if certificate_s is None else ("--hours", f"{certificate_s / 3600.0:.9f}")
         self.call(ROBOT, "armadico", "keys", "init")
         for host in (LAB, DESK):
-            self.call(ROBOT, "armadico", "keys", "host", host)
+            self.call(ROBOT, "armadico", "keys", "host", host, *hours)
             self.call(ROBOT, "mv", f"{host}-keys.tar", f"../{host}")  # scp between computers
             self.call(host, "tar", "-xf", f"{host}-keys.tar")
 
