@@ -96,8 +96,8 @@ a robot that brakes three times as slowly has 0.32."""
 
 TURNED, FASTER, TURNS_LEAST_RAD_S = 40, 1.15, 0.15
 """In so many cycles a base turns by less than the second of the most that was let through, if that
-is more than the third: enough of them, as a speed loop that friction held overshoots for a second. Turning too slowly is no
-finding: on the spot, or to and fro, friction and ramps take more than half."""
+is more than the third: enough of them, as a speed loop that friction held overshoots for a second.
+Turning too slowly is none: on the spot, or to and fro, friction and ramps take more than half."""
 
 GAP_S: Final = 0.2
 """Between states that are farther apart one is missing, s."""
