@@ -23,15 +23,17 @@ from armadico.observe.audit.driving import Brakes, Earned, Honest, Speed, Stands
 from armadico.observe.audit.failures import Failed, Refuses
 from armadico.observe.audit.missions import Ends, Reached, Visits
 from armadico.observe.audit.paths import Leads, Waits
-from armadico.observe.audit.poses import Doubts, Found, Heading, Moves, Scaled
+from armadico.observe.audit.poses import Doubts, Found, Heading, Moves, Rated, Scaled
 from armadico.observe.audit.promises import Excuse, Finding
+from armadico.observe.audit.reflexes import Reflexes
 from armadico.observe.audit.rules import Rule
 from armadico.observe.audit.scene import SHOWN, Scene
 from armadico.observe.audit.sensing import Changes, Fits, Renewed, Sees, Shown
+from armadico.observe.audit.walls import Compared
 
 RULES: Final[tuple[type[Rule], ...]] = (
     *(Touched, Arrives, Ends, Reached, Visits, Failed, Refuses, Waits, Found, Doubts, Leads),
-    *(Stands, Honest, Earned, Steady, Speed, Brakes, Turns),
+    *(Stands, Honest, Earned, Reflexes, Steady, Speed, Brakes, Turns),
     *(
         OneDriver,
         Fresh,
@@ -40,11 +42,13 @@ RULES: Final[tuple[type[Rule], ...]] = (
         Stopped,
         Heading,
         Scaled,
+        Rated,
         Moves,
         Changes,
         Renewed,
         Fits,
         Sees,
+        Compared,
         Shown,
     ),
 )

@@ -251,7 +251,7 @@ class Sees(_Mapped):
             return
         scanned = isinstance(message, Scan)
         sensor, most = ("laser", 2.0 * LOOKS_M) if scanned else ("sonar", LOOKS_M)
-        for x, y, bearing, far in _rays(message):
+        for x, y, bearing, far in rays_of(message):
             from_x, from_y, theta = compose((at.x, at.y, at.theta), (x, y, bearing))
             sight = chart.ahead(from_x, from_y, theta)
             if sight is not None and NEAREST_M < sight.far < most and sight.square > SQUARE:
@@ -327,7 +327,7 @@ def _near(message: Sonar | Scan) -> tuple[str, Floats]:
     return "sonar", np.array(rows, float).reshape(-1, 2)
 
 
-def _rays(message: Sonar | Scan) -> list[tuple[float, float, float, float]]:
+def rays_of(message: Sonar | Scan) -> list[tuple[float, float, float, float]]:
     """Where readings are taken (x, y, bearing, body frame) and the range, m; inf: nothing."""
     if isinstance(message, Sonar):
         echoes = message.echoes
