@@ -22,7 +22,7 @@ from armadico.observe.audit.coordination import Fresh, Held, OneDriver, Ordered,
 from armadico.observe.audit.driving import Brakes, Earned, Honest, Speed, Stands, Steady, Turns
 from armadico.observe.audit.failures import Failed, Refuses
 from armadico.observe.audit.missions import Ends, Reached, Visits
-from armadico.observe.audit.paths import Leads, Waits
+from armadico.observe.audit.paths import Clears, Leads, Waits
 from armadico.observe.audit.poses import Doubts, Found, Heading, Moves, Rated, Scaled
 from armadico.observe.audit.promises import Excuse, Finding
 from armadico.observe.audit.reflexes import Reflexes
@@ -32,7 +32,20 @@ from armadico.observe.audit.sensing import Changes, Fits, Renewed, Sees, Shown
 from armadico.observe.audit.walls import Compared
 
 RULES: Final[tuple[type[Rule], ...]] = (
-    *(Touched, Arrives, Ends, Reached, Visits, Failed, Refuses, Waits, Found, Doubts, Leads),
+    *(
+        Touched,
+        Arrives,
+        Ends,
+        Reached,
+        Visits,
+        Failed,
+        Refuses,
+        Waits,
+        Found,
+        Doubts,
+        Leads,
+        Clears,
+    ),
     *(Stands, Honest, Earned, Reflexes, Steady, Speed, Brakes, Turns),
     *(
         OneDriver,

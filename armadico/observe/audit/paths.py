@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from math import cos, hypot, inf, sin
+from math import ceil, cos, hypot, inf, sin
 from typing import Final
 
 import numpy as np
@@ -33,8 +33,50 @@ third, m, is added to the circle in which the robot turns."""
 PLANS_S: Final = 5.0
 """A robot that was lost has a planned path after this time, s."""
 
+STEP_M, ENDS_M, NARROW_M = 0.05, 0.6, 0.05
+"""The clearance of a path is taken in such steps, m, but not within the second of its ends, and may
+be less than the robot turns in by the third: the planner's cells."""
+
+UNPLANNED: Final = (Excuse.LOST, Excuse.UNSURE, Excuse.DISTURBED)
+
 PLACED_M: Final = 0.4
 """Within this of its start a path is not judged, m."""
+
+
+class Sensed:
+    """What was sensed lately, world frame, m: planners plan around it."""
+
+    def __init__(self) -> None:
+        self._seen: deque[tuple[float, Floats]] = deque()  # s, and places
+
+    def add(self, message: Message, now: Scene) -> None:
+        """Add what a message of obstacles or readings shows."""
+        if isinstance(message, Obstacles):
+            self._add([(p.x, p.y) for p in message.points], now)
+        elif isinstance(message, Scan):
+            self._add(points_of(message), now)
+        elif isinstance(message, Sonar):
+            near = [(e, e.range) for e in message.echoes if e.range is not None]
+            places = [(e.x + r * cos(e.bearing), e.y + r * sin(e.bearing)) for e, r in near]
+            self._add(
+                [each for each, (_, r) in zip(places, near, strict=True) if r < SENSED_M], now
+            )
+
+    def places(self) -> Floats:
+        """All of them (n x 2)."""
+        places = [points for _, points in self._seen]
+        return np.concatenate(places) if places else np.empty((0, 2))
+
+    def _add(self, points: Sequence[tuple[float, float]] | Floats, now: Scene) -> None:
+        pose = now.pose
+        if pose is None or not len(points):
+            return
+        c, s, (x, y) = cos(pose.theta), sin(pose.theta), np.asarray(points, float).T
+        self._seen.append(
+            (now.now, np.column_stack((pose.x + c * x - s * y, pose.y + s * x + c * y)))
+        )
+        while now.now - self._seen[0][0] > REMEMBERS_S:
+            self._seen.popleft()
 
 
 class Waits(Rule):
@@ -49,21 +91,12 @@ class Waits(Rule):
 
     def __init__(self) -> None:
         super().__init__()
-        self._seen: deque[tuple[float, Floats]] = deque()  # s, and world frame, m
+        self._sensed = Sensed()
         self._waited_s, self._last_at = 0.0, -inf
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if isinstance(message, Obstacles):
-            self._add([(p.x, p.y) for p in message.points], now)
-        elif isinstance(message, Scan):
-            self._add(points_of(message), now)
-        elif isinstance(message, Sonar):
-            near = [(e, e.range) for e in message.echoes if e.range is not None]
-            places = [(e.x + r * cos(e.bearing), e.y + r * sin(e.bearing)) for e, r in near]
-            self._add(
-                [each for each, (_, r) in zip(places, near, strict=True) if r < SENSED_M], now
-            )
-        elif isinstance(message, RobotState):
+        self._sensed.add(message, now)
+        if isinstance(message, RobotState):
             dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
             if message.stalled:
                 self._waited_s = -REMEMBERS_S  # what was touched may be remembered, too
@@ -73,17 +106,6 @@ class Waits(Rule):
                 self._waited_s = 0.0
                 yield from self._search(now)
 
-    def _add(self, points: Sequence[tuple[float, float]] | Floats, now: Scene) -> None:
-        pose = now.pose
-        if pose is None or not len(points):
-            return
-        c, s, (x, y) = cos(pose.theta), sin(pose.theta), np.asarray(points, float).T
-        self._seen.append(
-            (now.now, np.column_stack((pose.x + c * x - s * y, pose.y + s * x + c * y)))
-        )
-        while now.now - self._seen[0][0] > REMEMBERS_S:
-            self._seen.popleft()
-
     def _search(self, now: Scene) -> Iterator[Finding]:
         path, pose, about, world = now.trajectory, now.pose, now.description, now.world
         if path is None or not path.waypoints or not path.planned or path.revision:
@@ -92,9 +114,7 @@ class Waits(Rule):
             return
         self.checked = True
         apart = turning_circle(about.front, about.rear, about.half_width) + APART_M
-        places = [points for _, points in self._seen]
-        seen = np.concatenate(places) if places else np.empty((0, 2))
-        goal = path.waypoints[-1]
+        goal, seen = path.waypoints[-1], self._sensed.places()
         free = joined(world.barriers, world.bounds, seen, apart, (pose.x, pose.y), (goal.x, goal.y))
         if free and self.is_new("path-planning", now, STUCK_S):
             what = f"waits for {LONG_S:.0f} s as no path is free, and the map has one"
@@ -143,3 +163,53 @@ class Leads(Rule):
                 what = f"the path to {of} leads through a wall of the map"
                 yield self.found(now, "path-planning", what, f"at ({at[0]:.2f}, {at[1]:.2f})")
                 return
+
+
+class Clears(Rule):
+    """A path keeps the clearance in which the robot turns, if a plain search finds one that does.
+
+    A planner whose walls are elsewhere leads along the walls of the map.
+    """
+
+    promise = Promise.PATH
+    needs = (Trajectory,)
+    sees = (Pose, Sonar, Scan)
+    charted = True
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._sensed = Sensed()
+        self._judged: tuple[Waypoint, ...] = ()
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        self._sensed.add(message, now)
+        if not isinstance(message, Trajectory) or not message.planned or message.revision:
+            return
+        about, world, chart = now.description, now.world, now.chart
+        if about is None or world is None or chart is None or world.unseen is not None:
+            return
+        if message.waypoints in ((), self._judged) or now.excuse(*UNPLANNED) is not None:
+            return
+        self._judged = message.waypoints
+        route = Route.of(message)
+        x, y, places = route.leg_start.x, route.leg_start.y, [np.empty((0, 2))]
+        for to in message.waypoints[route.leg :]:
+            steps = max(ceil(hypot(to.x - x, to.y - y) / STEP_M), 1)
+            places.append(np.linspace((x, y), (to.x, to.y), steps, endpoint=False))
+            x, y = to.x, to.y
+        way = np.concatenate(places)
+        ends = np.array([(route.leg_start.x, route.leg_start.y), (x, y)])
+        way = way[(np.linalg.norm(way[:, None] - ends, axis=2) > ENDS_M).all(axis=1)]
+        if not len(way):
+            return
+        self.checked = True
+        turns = turning_circle(about.front, about.rear, about.half_width)
+        room = chart.off(way)
+        if room.min() > turns - NARROW_M:
+            return
+        wide = turns + APART_M
+        seen, (start, goal) = self._sensed.places(), map(tuple, ends.tolist())
+        if joined(world.barriers, world.bounds, seen, wide, start, goal):
+            at = "({:.2f}, {:.2f})".format(*way[room.argmin()])
+            what = f"the path keeps {room.min():.2f} m off the walls of the map at {at}"
+            yield self.found(now, "path-planning", what, f"another one {wide:.2f} m or more")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from itertools import islice
-from math import ceil, cos, degrees, hypot, inf, isfinite, sin
+from math import ceil, cos, degrees, hypot, inf, isfinite, pi, sin
 from statistics import median
 from typing import Final
 
@@ -40,8 +40,9 @@ LATE_S, MOST_S = 0.25, 0.6
 """A reading is late if it fits best where the robot was so long ago, up to the third, s; the wall
 was farther or nearer there by the first, m. A ring of sonars takes 0.16 s to go round."""
 
-TIMES, LATES = 20, 14
-"""Of so many such readings so many are late."""
+TIMES, LATES = 10, 7
+"""Of so many such readings in a direction of the map so many are late, and of the opposite one: a
+pose that is off makes what is ahead late, and what is behind early."""
 
 BEYOND_M: Final = 0.5
 BESIDE_M: Final = 0.3
@@ -61,7 +62,7 @@ Mount = tuple[str, float, float, float]
 
 
 class Compared(Rule):
-    """Readings fit the walls of the map, by the pose of their cycle: none is late, none is missing.
+    """Readings fit the walls of the map, by their cycle's place: none is late, none is missing.
 
     What is not on the map fits no wall, and is not counted. A wall counts as missed only where
     other sensors read it.
@@ -74,10 +75,10 @@ class Compared(Rule):
 
     def __init__(self) -> None:
         super().__init__()
-        self._poses: dict[Cycle, Pose] = {}
+        self._places: dict[Cycle, Pose2] = {}  # in truth, else by a certain pose
         self._readings: dict[Cycle, Sonar | Scan] = {}
         self._scan_at = -inf
-        self._late: dict[str, deque[float]] = {}  # how late, s, by sensor
+        self._late: dict[tuple[str, int], deque[float]] = {}  # how late, s, by quadrant
         self._read: deque[tuple[float, Mount, float, float]] = deque()  # s; x, y on the map, m
         self._missed: dict[Mount, deque[int | None]] = {}
 
@@ -88,31 +89,32 @@ class Compared(Rule):
             self._scan_at = now.now
             self._readings[message.cycle] = message
         elif isinstance(message, Pose):
-            self._poses[message.cycle] = message
+            place = now.truth or message
+            if now.truth or (0.0 < message.deviation < CERTAIN_M and not message.revision):
+                self._places[message.cycle] = place.x, place.y, place.theta
         else:
             return
-        for kept in (self._poses, self._readings):
+        for kept in (self._places, self._readings):
             if len(kept) > KEPT:
                 del kept[next(iter(kept))]
-        pose = self._poses.get(message.cycle)
-        if pose is None or message.cycle not in self._readings:
+        here = self._places.get(message.cycle)
+        if here is None or message.cycle not in self._readings:
             return
         reading = self._readings.pop(message.cycle)
-        certain = 0.0 < pose.deviation < CERTAIN_M and not pose.revision
-        if now.chart is not None and certain and now.excuse(Excuse.DISTURBED) is None:
-            yield from self._compare(reading, pose, now.chart, now)
+        if now.chart is not None and now.excuse(Excuse.DISTURBED) is None:
+            yield from self._compare(reading, here, now.chart, now)
 
     def _compare(
-        self, reading: Sonar | Scan, pose: Pose, chart: Chart, now: Scene
+        self, reading: Sonar | Scan, here: Pose2, chart: Chart, now: Scene
     ) -> Iterator[Finding]:
         sensor = "sonar" if isinstance(reading, Sonar) else "laser"
         most = SONAR_M if isinstance(reading, Sonar) else LASER_M
-        at = pose.x, pose.y, pose.theta
-        before = None if now.description is None else self._before(pose, now.description.cycle_s)
+        about = now.description
+        before = {} if about is None else self._before(reading.cycle, about.cycle_s)
         mounts: list[tuple[Mount, float, float]] = []
         for x, y, bearing, far in rays_of(reading):
             mount = _mount(sensor, x, y, bearing)
-            from_x, from_y, theta = compose(at, (x, y, bearing))
+            from_x, from_y, theta = compose(here, (x, y, bearing))
             if far < most:
                 mounts.append((mount, from_x + far * cos(theta), from_y + far * sin(theta)))
             sight = chart.ahead(from_x, from_y, theta)
@@ -124,19 +126,19 @@ class Compared(Rule):
                 yield from self._look(mount, missed, now)
             if before and isfinite(far):
                 due = _dues(chart, before, (x, y, bearing), sight, sonar=sensor == "sonar")
-                yield from self._time(sensor, far, due, now)
+                yield from self._time(sensor, theta, far, due, now)
         self._read.extend((now.now, *each) for each in mounts)
         while self._read and now.now - self._read[0][0] > HEARD_S:
             self._read.popleft()
 
-    def _before(self, pose: Pose, cycle_s: float) -> dict[float, Pose]:
-        """This pose and those before it, by how old they are, s; empty if the robot rested."""
-        found = {0.0: pose}
-        for cycles in range(1, ceil(MOST_S / cycle_s) + 1):
-            cycle = Cycle(pose.cycle.epoch, pose.cycle.number - cycles)
-            if cycle.number < 0 or cycle not in self._poses:
+    def _before(self, cycle: Cycle, cycle_s: float) -> dict[float, Pose2]:
+        """Where it was then and before, by how long before, s; empty if one is missing."""
+        found = {}
+        for cycles in range(min(ceil(MOST_S / cycle_s), cycle.number) + 1):
+            place = self._places.get(Cycle(cycle.epoch, cycle.number - cycles))
+            if place is None:
                 return {}
-            found[cycles * cycle_s] = self._poses[cycle]
+            found[cycles * cycle_s] = place
         return found
 
     def _is_there(self, mount: Mount, x: float, y: float) -> bool:
@@ -159,7 +161,7 @@ class Compared(Rule):
         yield self.found(now, sensor, what, f"{len(walls)} of {LOOKS} readings")
 
     def _time(
-        self, sensor: str, far: float, due: dict[float, float], now: Scene
+        self, sensor: str, bearing: float, far: float, due: dict[float, float], now: Scene
     ) -> Iterator[Finding]:
         """Judge how old a reading is by the distances of the wall that were due lately, m."""
         if max(due.values()) - min(due.values()) < APART_M:
@@ -168,12 +170,16 @@ class Compared(Rule):
         if abs(due[late] - far) > FITS_M:
             return
         self.checked = True
-        lately = self._late.setdefault(sensor, deque(maxlen=TIMES))
-        lately.append(late)
-        often = sum(s >= LATE_S for s in lately)
-        if often >= LATES and self.is_new(f"{sensor} late", now):
-            what = f"its readings fit the map where the robot was {median(lately):.1f} s before"
-            yield self.found(now, sensor, what, f"{often} of {len(lately)} readings")
+        quadrant = round(2.0 * bearing / pi) % 4
+        self._late.setdefault((sensor, quadrant), deque(maxlen=TIMES)).append(late)
+        lates = [
+            sum(s >= LATE_S for s in self._late.get((sensor, each), ()))
+            for each in (quadrant, (quadrant + 2) % 4)
+        ]
+        if min(lates) >= LATES and self.is_new(f"{sensor} late", now):
+            before = median(self._late[sensor, quadrant])
+            what = f"its readings fit the map where the robot was {before:.1f} s before"
+            yield self.found(now, sensor, what, f"{lates[0]} of {TIMES}, in two directions")
 
 
 def _mount(sensor: str, x: float, y: float, bearing: float) -> Mount:
@@ -183,12 +189,12 @@ def _mount(sensor: str, x: float, y: float, bearing: float) -> Mount:
 
 
 def _dues(
-    chart: Chart, poses: dict[float, Pose], place: Pose2, wall: Sight, *, sonar: bool
+    chart: Chart, places: dict[float, Pose2], place: Pose2, wall: Sight, *, sonar: bool
 ) -> dict[float, float]:
-    """The distance of a wall in a direction by each pose, m; a sonar reads the nearest place."""
+    """The distance of a wall in a direction from each place, m; a sonar reads the nearest place."""
     found = {}
-    for late, pose in poses.items():
-        x, y, theta = compose((pose.x, pose.y, pose.theta), place)
+    for late, at in places.items():
+        x, y, theta = compose(at, place)
         sight = wall if late == 0.0 else chart.ahead(x, y, theta)
         if sight is not None and sight.wall == wall.wall and sight.square > SQUARE:
             found[late] = sight.far * (sight.square if sonar else 1.0)

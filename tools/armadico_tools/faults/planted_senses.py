@@ -27,7 +27,6 @@ SONAR_CYCLES, SCAN_CYCLES = 4, 3
 """So many cycles late are the readings of a sonar, and of a laser."""
 
 RATE: Final = 0.5
-FORGETS_CYCLES: Final = 1
 TURNED_RAD: Final = radians(5)
 SHIFTED_M: Final = 0.15
 
@@ -122,16 +121,6 @@ def _forgetful_reflex(robot: Any) -> None:
     wrap(seen, "update", update)
 
 
-def _turns_memory(perception: Any) -> None:
-    """What was sensed before turns with the robot instead of against it."""
-    if hasattr(perception._seen, "move"):
-        wrap(
-            perception._seen,
-            "move",
-            lambda method, motion, **named: method(motion._replace(theta=-motion.theta), **named),
-        )
-
-
 def _turns_map(localization: Any) -> None:
     """As if its map were turned about the world's origin."""
 
@@ -167,10 +156,6 @@ SENSES: Final = {
     "reflex-stale": Defect("the reflex keeps to its first view", {"robot": _stale_reflex}),
     "reflex-forgets": Defect(
         "the reflex knows the newest readings only", {"robot": _forgetful_reflex}
-    ),
-    "turned-memory": Defect(
-        "obstacles of before turn the wrong way",
-        {"sonar": _turns_memory, "laser": _turns_memory},
     ),
     "turned-map": Defect("the map of the localization is turned", {"localization": _turns_map}),
     "shifted-walls": Defect(
