@@ -94,7 +94,7 @@ class Reflexes(Rule):
             return
         here, then = states[0], states[1]
         self._update(here, about)
-        if here.admitted == then.admitted == Twist(0.0, 0.0) or self._learnt_s < LEARNS_S:
+        if then.ordered == Twist(0.0, 0.0) or self._learnt_s < LEARNS_S:
             return
         yield from self._judge(here, then, now)
 
