@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from math import atan2, copysign, cos, hypot, inf, pi, radians, sin
 from typing import ClassVar, Literal, NamedTuple
@@ -37,6 +38,20 @@ BACK_STALL_S = 1.0
 """Still stalled this long after it began to back off, s, the way back is blocked."""
 
 SMALL, LATCHED = radians(2), radians(15)
+
+REFUSED_CYCLES, REFUSED_FOR_S = 5, 4.0
+"""A motion that the robot agent caps, in so many cycles in which the robot stands, is not tried
+again for the second, s: its readings show what the published obstacles do not. In that time the
+robot turns round the other way. Both are chosen."""
+
+RESTS_M_S, RESTS_RAD_S = 0.02, 0.05
+"""Slower than this it stands."""
+
+
+Motion = tuple[int, int]
+"""The signs of v and w."""
+
+STANDS: Motion = (0, 0)
 
 
 class Way(NamedTuple):
@@ -116,6 +131,25 @@ class Avoid(Behaviour):
         self._backs_since = inf
         self._turns_until = -inf
         self._creeps = 1.0  # +1 on, -1 back
+        self._stood: Counter[Motion] = Counter()  # cycles in which it stood, by its order
+        self._refused: dict[Motion, float] = {}  # until when, s
+
+    def on_robot_state(self, state: RobotState) -> None:
+        """Note which of its motions the robot agent refuses."""
+        super().on_robot_state(state)
+        if state.driver != self.instance:
+            return
+        if _motion(state.v, state.w) != STANDS:
+            self._stood.clear()
+        elif state.capped and (motion := _motion(state.ordered.v, state.ordered.w)) != STANDS:
+            self._stood[motion] += 1
+            if self._stood[motion] >= REFUSED_CYCLES:
+                self._stood[motion] = 0
+                self._refused[motion] = self.now + REFUSED_FOR_S
+                self._side = -float(motion[1]) or self._side
+
+    def _is_refused(self, v: float, w: float) -> bool:
+        return self.now < self._refused.get(_motion(v, w), -inf)
 
     def on_mission(self) -> None:
         """Reset the latched side and the timers."""
@@ -187,6 +221,8 @@ class Avoid(Behaviour):
             speed = 0.0 if abs(heading) > p.aligned else min(speed, p.v_danger)
         w = max(-p.w_max, min(p.w_max, p.turn_gain * heading))
         speed, w = self.limited_in(scene, speed, w, p.safety)
+        if self._is_refused(speed, w):
+            return self._turn_on_the_spot(scene, heading), "the robot agent refuses the motion"
         degrees = heading * 180 / pi
         turns = speed < 0.02
         self._turned_out |= turns and self.now < self._escape_until
@@ -300,7 +336,7 @@ class Avoid(Behaviour):
         if behind <= self.p.back_room_m:
             return None
         v, w = self.limited_in(scene, -self.p.v_back, 0.0, self.p.safety)
-        return (v, w) if v < 0.0 else None
+        return (v, w) if v < 0.0 and not self._is_refused(v, w) else None
 
     def _unlatch(self, pose: Pose) -> None:
         """Clear the side once the passed obstacle is far behind and avoid does not hold."""
@@ -315,7 +351,7 @@ class Avoid(Behaviour):
             room = free_turn(scene.points, direction, self.body.outline, TURN_MARGIN_M)
             if room > self.p.safety.turn_room:
                 v, w = self.limited_in(scene, 0.0, direction * self.p.w_stop, self.p.safety)
-                if w != 0.0:
+                if w != 0.0 and not self._is_refused(v, w):
                     return v, w
         if (back := self._back(scene)) is None:
             return self._creep(scene)
@@ -329,7 +365,7 @@ class Avoid(Behaviour):
         """
         for creeps in (self._creeps, -self._creeps):
             v, _ = self.limited_in(scene, creeps * self.p.v_back, 0.0, self.p.safety)
-            if abs(v) >= 0.5 * self.p.v_back:
+            if abs(v) >= 0.5 * self.p.v_back and not self._is_refused(v, 0.0):
                 self._creeps = creeps
                 return v, 0.0
         return 0.0, 0.0
@@ -347,6 +383,12 @@ class Avoid(Behaviour):
         away = hypot(dx, dy)
         bends = away < 0.99 * self.p.ahead_m
         return Way(wrap(atan2(dy, dx) - pose.theta), away if bends else inf)
+
+
+def _motion(v: float, w: float) -> Motion:
+    """The direction of speeds."""
+    ahead, left = abs(v) >= RESTS_M_S, abs(w) >= RESTS_RAD_S
+    return ahead * int(copysign(1, v)), left * int(copysign(1, w))
 
 
 def _rotated(points: Sequence[Point], heading: float) -> list[Point]:

@@ -28,6 +28,10 @@ RESUMES_S: Final = 5.0
 """After an excuse that lasted, a robot has so long to get going, s (`Promise.MOVES`). A disturbance
 has that time already."""
 
+LED: Final = (Excuse.BY_HAND, Excuse.LED)
+LED_M: Final = 0.3
+"""A robot that was led farther than this, m, begins anew: it turns, drives back and parks."""
+
 DETOURS: Final = 3.0
 """New paths may make a mission so many times as long as the longest of them."""
 
@@ -57,7 +61,8 @@ class Arrives(Rule):
         self._over = True  # it has ended, or was reported as late
         self._spent: dict[str, float] = {}  # s by the agent that was obeyed
         self._excused: dict[str, float] = {}  # s by excuse
-        self._excuse: tuple[Excuse, float] | None = None  # the present one, and since when
+        # The present one, since when (s), and at which of the driven metres it began.
+        self._excuse: tuple[Excuse, float, float] | None = None
         self._bonus_s = self._allowed_s = 0.0
         self._driven_m = 0.0
         self._path_m = self._longest_m = 0.0
@@ -101,10 +106,12 @@ class Arrives(Rule):
         excuse = now.excuse(*EXCUSES)
         before = self._excuse
         if before is not None and before[0] not in (excuse, Excuse.DISTURBED):
-            self._bonus_s += min(now.now - before[1], RESUMES_S)
+            led_m = self._driven_m - before[2] if before[0] in LED else 0.0
+            again_s = BEGINS_S + led_m / self._pace(now) if led_m > LED_M else 0.0
+            self._bonus_s += again_s or min(now.now - before[1], RESUMES_S)
         if excuse is not None:
             if before is None or before[0] is not excuse:
-                self._excuse = excuse, now.now
+                self._excuse = excuse, now.now, self._driven_m
             _add(self._excused, _name(excuse), dt)
             return
         self._excuse = None
@@ -152,11 +159,14 @@ class Arrives(Rule):
         self._longest_m = max(self._longest_m, length)
         self._path_m = max(self._path_m, self._driven_m + length)
 
-    def _allowed(self, now: Scene) -> float:
+    @staticmethod
+    def _pace(now: Scene) -> float:
         top = inf if now.description is None else now.description.v_max
-        pace = min(PACE_M_S, PACE_SHARE * top)
+        return min(PACE_M_S, PACE_SHARE * top)
+
+    def _allowed(self, now: Scene) -> float:
         way = min(self._path_m, DETOURS * self._longest_m)
-        return BEGINS_S + self._bonus_s + way / pace
+        return BEGINS_S + self._bonus_s + way / self._pace(now)
 
     def _late(self, now: Scene, spent: float, allowed: float) -> Finding:
         by_time = sorted(self._spent.items(), key=itemgetter(1), reverse=True)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from armadico.agents.driving.avoid import Avoid, Parameters
+from armadico.agents.driving.avoid import REFUSED_CYCLES, Avoid, Parameters
 from armadico.core.agent import Identity
 from armadico.core.messages import Ack, Ballot, Point, RobotState, Stop
 from armadico.core.parameters import Safety
@@ -302,6 +302,19 @@ def test_what_lies_beyond_a_bend_of_the_trajectory_is_not_in_the_way() -> None:
     round_a_bend = stage(drive_to((0.3, 0.0, 0.0), (0.3, 4.0, 1.57)))
     round_a_bend.cycle(points=beyond)
     assert round_a_bend.bid.utility is None
+
+
+def test_a_motion_that_the_robot_agent_refuses_is_not_tried_again_at_once() -> None:
+    made = before_a_wall(0.1, 0.0)
+    made.capped = "an obstacle is in the way"
+    tried = []
+    for _ in range(20):
+        made.cycle(points=wall(0.1 + OUTLINE.front + MARGIN, -0.4, 0.4))
+        tried.append(made.commanded)
+    refused, later = tried[0], tried[REFUSED_CYCLES:]
+    assert any(refused)
+    assert refused not in later
+    assert any(any(each) for each in later), "it tries another"
 
 
 def test_a_robot_that_was_stopped_has_not_been_stuck() -> None:

@@ -28,6 +28,7 @@ from armadico.core.messages import (
     Twist,
 )
 from armadico.mobile.messages import (
+    ByHand,
     Echo,
     MissionState,
     MissionStatus,
@@ -349,7 +350,7 @@ def obeys_otherwise(drive: Drive) -> None:
 def spins(drive: Drive) -> None:
     drive.go(3, turns=0.5, w=0.5)
     assert Promise.ORDERED not in {promise for promise, _ in drive.found}
-    drive.go(3, w=0.8)
+    drive.go(5, w=0.8)
 
 
 def forgets_its_stop(drive: Drive) -> None:
@@ -580,6 +581,28 @@ def test_readings_off_the_map_are_the_sensors_or_the_poses(
     assert drive.go(20, says=on_its_left(far, pose_y)).found == found
 
 
+def test_what_stands_before_a_wall_is_the_sensors_fault_only_all_along_the_way() -> None:
+    drive = Drive(Auditor([Fits]), v=0.1, ordered=0.1)
+    drive.auditor.chart([WALL])
+    assert drive.go(20, says=on_its_left(0.4)).found == []
+    assert drive.go(40).found == [(Promise.SENSORS, "sonar")]
+
+
+def test_an_echo_from_the_edge_of_a_sonars_cone_lies_on_the_wall() -> None:
+    bearing, half = 0.5, 0.25
+    far = (0.9 - 0.2 * sin(bearing)) / sin(bearing + half)
+
+    def found(cone: float) -> list[tuple[Promise, str]]:
+        drive = Drive(Auditor([Fits]))
+        drive.say(replace(ROBOT, cone=cone))
+        drive.auditor.chart([WALL])
+        sonar = Sonar(Cycle(1, 1), 5.0, (echo(far, bearing),))
+        return drive.go(20, says=lambda _: (sonar,)).found
+
+    assert found(0.0) == [(Promise.SENSORS, "sonar")]
+    assert found(2.0 * half) == []
+
+
 def test_without_a_map_what_needs_it_is_not_checked() -> None:
     drive = Drive(Auditor([Fits, Leads])).go(2, says=on_its_left(1.0))
     for each in drive.auditor.report():
@@ -718,6 +741,29 @@ def test_an_excuse_counts_and_without_it_the_same_is_a_finding(excuse: Excuse) -
     strict = Drive(Auditor(v_max=inf).without(excuse))
     excused(strict, excuse)
     assert (Promise.STANDS, "goto") in strict.found
+
+
+class Hand(ByHand, frozen=True):
+    """A person who drives."""
+
+    @property
+    def driven_by(self) -> str:
+        return "anna"
+
+
+def test_a_hand_that_leads_a_robot_away_gives_it_the_time_to_come_back() -> None:
+    def led(v: float) -> list[Promise]:
+        drive = Drive().go(5)
+        drive.go(10, v=v, says=lambda _: (Hand(),))
+        return [each for each, _ in drive.go(70, v=0.1, says=lambda _: ()).found]
+
+    assert Promise.ARRIVES not in led(0.75)
+    assert Promise.ARRIVES in led(0.0), "a hand that moved nothing gives no way back"
+
+
+def test_a_turn_that_friction_held_may_overshoot() -> None:
+    drive = Drive().go(2, turns=0.3, w=0.1).go(1, w=0.5).go(2, w=0.3)
+    assert Promise.ORDERED not in [promise for promise, _ in drive.found]
 
 
 def test_a_silent_robot_agent_takes_no_time_of_the_mission() -> None:
