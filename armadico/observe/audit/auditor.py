@@ -15,39 +15,38 @@ from armadico.core.services import derived, service_of
 from armadico.mobile.messages import MissionStatus, Pose, Scan, Sonar, Trajectory, Truth
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.scans import is_readable
+from armadico.observe.audit.arrival import Arrives
 from armadico.observe.audit.chart import Chart, Wall
 from armadico.observe.audit.contacts import Touched
 from armadico.observe.audit.coordination import Fresh, Held, OneDriver, Ordered, Stopped
 from armadico.observe.audit.driving import Brakes, Earned, Honest, Speed, Stands, Steady, Turns
-from armadico.observe.audit.missions import (
-    Arrives,
-    Doubts,
-    Ends,
-    Failed,
-    Found,
-    Leads,
-    Reached,
-    Refuses,
-    Visits,
-    Waits,
-)
+from armadico.observe.audit.failures import Failed, Refuses
+from armadico.observe.audit.missions import Ends, Reached, Visits
+from armadico.observe.audit.paths import Clears, Leads, Waits
+from armadico.observe.audit.poses import Doubts, Found, Heading, Moves, Rated, Scaled
 from armadico.observe.audit.promises import Excuse, Finding
+from armadico.observe.audit.reflexes import Reflexes
 from armadico.observe.audit.rules import Rule
 from armadico.observe.audit.scene import SHOWN, Scene
-from armadico.observe.audit.sensing import (
-    Changes,
-    Fits,
-    Heading,
-    Moves,
-    Renewed,
-    Scaled,
-    Sees,
-    Shown,
-)
+from armadico.observe.audit.sensing import Changes, Fits, Renewed, Sees, Shown
+from armadico.observe.audit.walls import Compared
 
 RULES: Final[tuple[type[Rule], ...]] = (
-    *(Touched, Arrives, Ends, Reached, Visits, Failed, Refuses, Waits, Found, Doubts, Leads),
-    *(Stands, Honest, Earned, Steady, Speed, Brakes, Turns),
+    *(
+        Touched,
+        Arrives,
+        Ends,
+        Reached,
+        Visits,
+        Failed,
+        Refuses,
+        Waits,
+        Found,
+        Doubts,
+        Leads,
+        Clears,
+    ),
+    *(Stands, Honest, Earned, Reflexes, Steady, Speed, Brakes, Turns),
     *(
         OneDriver,
         Fresh,
@@ -56,11 +55,13 @@ RULES: Final[tuple[type[Rule], ...]] = (
         Stopped,
         Heading,
         Scaled,
+        Rated,
         Moves,
         Changes,
         Renewed,
         Fits,
         Sees,
+        Compared,
         Shown,
     ),
 )

@@ -1,4 +1,4 @@
-"""Sensors and odometry: readings change as the robot moves, and agree with what is there."""
+"""Sensors: readings change as the robot moves, and agree with what is there."""
 
 from __future__ import annotations
 
@@ -6,34 +6,24 @@ from abc import abstractmethod
 from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import replace
-from math import atan2, cos, dist, hypot, inf, isfinite, pi, sin
+from math import cos, dist, inf, isfinite, sin
 from statistics import median
 from typing import Final
 
 import numpy as np
 
 from armadico.core.messages import Cycle, Message, Point, RobotState
-from armadico.mobile.geometry import Pose2, compose, relative, wrap
-from armadico.mobile.messages import InitialPose, Pose, Scan, Sonar, Truth
+from armadico.mobile.geometry import compose, relative, wrap
+from armadico.mobile.messages import Pose, Scan, Sonar, Truth
 from armadico.mobile.motion import clearances
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.scans import Floats, bearings_of, points_of, ranges_of
 from armadico.mobile.swept_path import Outline
 from armadico.observe.audit.chart import Chart
+from armadico.observe.audit.poses import CERTAIN_M, POSES
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import AGAIN_S, Rule
 from armadico.observe.audit.scene import Scene
-
-STEP_M = 0.02
-SIDEWAYS_RAD = 0.2
-"""A step of at least this length is at most this far off the heading. The most in 25 simulated
-drives of 2 minutes was 0.05 rad, turns and counts of the encoders included."""
-
-TURN_RAD = 0.03
-"""A step that turns by more than this turns in the direction of the measured rate."""
-
-GAP_S = 0.25
-"""Cycles farther apart than this, s, have a gap, in which it may have turned both ways."""
 
 MOVED_M, TURNED_RAD = 0.05, 0.05
 """A reading ahead changes over this way, and every reading over this turn."""
@@ -81,137 +71,6 @@ READ, HIDDEN = 20, 15
 LOOKS_M, NEAREST_M, SQUARE, BEYOND_M, WALLS = 1.2, 0.15, 0.94, 0.5, 3
 """A wall within the first of a sonar (twice that of a laser), and not within the second, m, met at
 this sine at least, is missed by a reading farther beyond; so many walls must be missed."""
-
-POSES = 64
-"""Cycles whose odometry is kept, to be compared with poses."""
-
-STEP_DEVIATIONS, STEP_FREE_M = 4.0, 0.25
-"""A pose moves otherwise than the odometry by no more than so many of its deviations before and
-after, and the second, m."""
-
-PIECE_M, WINDOW_M = 0.5, 3.0
-"""The odometry's way is compared with the robot's in pieces, until they are so long, m."""
-
-SCALE = 0.06
-"""The share by which they may differ. Made errors of wheels are 2 %."""
-
-CERTAIN_M = 0.15
-"""A pose less certain than this shows no scale, m."""
-
-
-class Heading(Rule):
-    """The steps of the odometry lead along the heading, as a differential drive moves.
-
-    And it turns in the direction of the measured turn rate.
-
-    After a lost link the controller's axes may differ from the pose's. Mixing them up would move
-    maps and poses sideways, and every agent would believe it.
-    """
-
-    promise = Promise.ODOMETRY
-    needs = (RobotState,)
-
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        before = now.before
-        if not isinstance(message, RobotState) or before is None:
-            return
-        if before.cycle.epoch != message.cycle.epoch:
-            return
-        self.checked = True
-        here = message.x, message.y, message.theta
-        x, y, turned = relative((before.x, before.y, before.theta), here)
-        off = abs(wrap(atan2(y, x) - 0.5 * turned))
-        if now.state_gap_s < GAP_S and abs(turned) > TURN_RAD:
-            rates = (before.w, message.w)  # the turn is between them, and the loops may overshoot
-            if max(rates) < 0.0 < turned or turned < 0.0 < min(rates):
-                what = f"it turned by {turned:.3f} rad while it measured {message.w:.2f} rad/s"
-                yield self.found(now, "robot", what)
-        most = SIDEWAYS_RAD
-        if now.state_gap_s >= GAP_S:  # it may have driven first, and turned then
-            most += 0.5 * abs(turned)
-        if hypot(x, y) > STEP_M and min(off, pi - off) > most:
-            what = f"a step of {hypot(x, y):.3f} m leads {off:.2f} rad off where it heads"
-            yield self.found(now, "robot", what)
-
-
-class Moves(Rule):
-    """A pose moves as the odometry does, or by as much as it was uncertain."""
-
-    promise = Promise.POSE
-    needs = (RobotState, Pose)
-    sees = (InitialPose,)
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._odometry: dict[Cycle, Pose2] = {}
-        self._before: tuple[Pose, Pose2] | None = None
-
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if isinstance(message, RobotState):
-            self._odometry[message.cycle] = message.x, message.y, message.theta
-            if len(self._odometry) > POSES:
-                del self._odometry[next(iter(self._odometry))]
-        elif isinstance(message, InitialPose):
-            self._before = None
-        elif isinstance(message, Pose) and message.cycle in self._odometry:
-            before, here = self._before, self._odometry[message.cycle]
-            self._before = message, here
-            if before is None or not before[0].covariance or not message.covariance:
-                return
-            was = before[0]
-            if (was.cycle.epoch, was.revision) != (message.cycle.epoch, message.revision):
-                return
-            x, y, _ = compose((was.x, was.y, was.theta), relative(before[1], here))
-            off = hypot(message.x - x, message.y - y)
-            known = max(was.deviation, message.deviation)
-            self.checked = True
-            if off > STEP_FREE_M + STEP_DEVIATIONS * known and not now.excuse(Excuse.DISTURBED):
-                what = f"the pose moved by {off:.2f} m otherwise than the odometry"
-                yield self.found(now, "localization", what, f"+-{known:.2f} m")
-
-
-class Scaled(Rule):
-    """The odometry counts as far as the robot moves: in truth, else by poses that are certain."""
-
-    promise = Promise.ODOMETRY
-    needs = (RobotState, Pose)
-    sees = (Truth,)
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._from: tuple[tuple[float, float], tuple[float, float]] | None = None
-        self._way_m = self._true_m = 0.0  # of this window
-        self._off = 0.0  # the share in the window before
-
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        state, before, at = now.state, now.before, now.truth or now.pose
-        if not isinstance(message, RobotState) or state is None or before is None or at is None:
-            return
-        if (
-            (isinstance(at, Pose) and not 0.0 < at.deviation < CERTAIN_M)
-            or before.cycle.epoch != state.cycle.epoch
-            or now.state_gap_s > GAP_S
-            or now.excuse(Excuse.DISTURBED) is not None
-        ):
-            self._from = None
-            return
-        here = (state.x, state.y), (at.x, at.y)
-        since = self._from = self._from or here
-        way = dist(since[0], here[0])
-        if way < PIECE_M:
-            return
-        self._from, self.checked = here, True
-        self._way_m += way
-        self._true_m += dist(since[1], here[1])
-        if self._way_m < WINDOW_M:
-            return
-        way, true, was = self._way_m, self._true_m, self._off
-        self._way_m = self._true_m = 0.0
-        self._off = way / max(true, 0.01) - 1.0
-        if min(abs(self._off), abs(was)) > SCALE and self._off * was > 0.0:
-            self._off = 0.0
-            what = f"the odometry counts {way:.2f} m where the robot moved by {true:.2f} m"
-            yield self.found(now, "robot", what, "twice")
 
 
 class Changes(Rule):
@@ -359,7 +218,7 @@ class Fits(_Mapped):
         sensor, near, cone = "laser", LASER_M, 0.0
         if isinstance(message, Sonar):
             sensor, near, cone = "sonar", SONAR_M, now.description.cone
-        rays = [ray for ray in _rays(message) if ray[3] < near]
+        rays = [ray for ray in rays_of(message) if ray[3] < near]
         if not rays or chart.off(np.array([[here.x, here.y]]))[0] > SONAR_M:
             return  # what is near is none of the map's walls
         if now.truth is not None:
@@ -433,7 +292,7 @@ class Sees(_Mapped):
             return
         scanned = isinstance(message, Scan)
         sensor, most = ("laser", 2.0 * LOOKS_M) if scanned else ("sonar", LOOKS_M)
-        for x, y, bearing, far in _rays(message):
+        for x, y, bearing, far in rays_of(message):
             from_x, from_y, theta = compose((at.x, at.y, at.theta), (x, y, bearing))
             sight = chart.ahead(from_x, from_y, theta)
             if sight is not None and NEAREST_M < sight.far < most and sight.square > SQUARE:
@@ -509,7 +368,7 @@ def _near(message: Sonar | Scan) -> tuple[str, Floats]:
     return "sonar", np.array(rows, float).reshape(-1, 2)
 
 
-def _rays(message: Sonar | Scan) -> list[tuple[float, float, float, float]]:
+def rays_of(message: Sonar | Scan) -> list[tuple[float, float, float, float]]:
     """Where readings are taken (x, y, bearing, body frame) and the range, m; inf: nothing."""
     if isinstance(message, Sonar):
         echoes = message.echoes

@@ -41,7 +41,7 @@ from armadico.mobile.messages import (
 )
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe.audit.auditor import RULES, Auditor
-from armadico.observe.audit.missions import Leads
+from armadico.observe.audit.paths import Leads
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.sensing import Fits, Sees
 

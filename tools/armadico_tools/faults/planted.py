@@ -7,11 +7,11 @@ promise, and none in the product as it is.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from dataclasses import replace as alike
 from math import hypot
-from typing import Any, Final, Generic, NamedTuple, TypeVar
+from typing import Any, Final
 
 import numpy as np
 from msgspec.structs import replace
@@ -33,6 +33,8 @@ from armadico.mobile.messages import (
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.scans import bearings_of, packed, ranges_of
 from armadico_tools.faults.plan import Outcome
+from armadico_tools.faults.planted_senses import SENSES
+from armadico_tools.faults.planting import Defect, Late, publishes, wrap
 
 GIVES_UP_M: Final = 1.5
 """The lazy goto comes no nearer than this."""
@@ -68,24 +70,11 @@ BRAKES: Final = 3.0
 """The published deceleration, relative to the true one."""
 
 
-class Defect(NamedTuple):
-    """What is planted, by agent."""
-
-    text: str
-    plants: Mapping[str, Callable[[Any], None]]
-
-
 def plant(name: str, agent: Agent) -> None:
     """Plant a defect in an agent that has joined, if it is one of those."""
     change = DEFECTS[name].plants.get(agent.name)
     if change is not None:
         change(agent)
-
-
-def _wrap(agent: Agent, name: str, by: Callable[..., Any]) -> None:
-    """Replace a method of one agent by a function of the method and its arguments."""
-    method = getattr(agent, name)
-    vars(agent)[name] = lambda *args, **named: by(method, *args, **named)
 
 
 def _lazy(goto: Any) -> None:
@@ -94,7 +83,7 @@ def _lazy(goto: Any) -> None:
         far = goto.route.to_go(pose.x, pose.y) > GIVES_UP_M
         return bid if bid is None or far else alike(bid, action=(0.0, 0.0))
 
-    _wrap(goto, "propose", propose)
+    wrap(goto, "propose", propose)
 
 
 def _early(interface: Any) -> None:
@@ -103,14 +92,14 @@ def _early(interface: Any) -> None:
         near = goal is not None and hypot(goal.x - pose.x, goal.y - pose.y) < EARLY_M
         return near or method(pose)
 
-    _wrap(interface, "_arrived", arrived)
+    wrap(interface, "_arrived", arrived)
 
 
 def _half(robot: Any) -> None:
     def obey(method: Callable[..., None], resource: Any, action: tuple[float, float]) -> None:
         method(resource, (0.5 * action[0], 0.5 * action[1]))
 
-    _wrap(robot, "obey", obey)
+    wrap(robot, "obey", obey)
 
 
 def _lies(goto: Any, v: float = PRESSES_M_S, *, critical: bool = False) -> None:
@@ -120,7 +109,7 @@ def _lies(goto: Any, v: float = PRESSES_M_S, *, critical: bool = False) -> None:
             return bid
         return alike(bid, action=(v, 0.0), utility=SURE, critical=critical or bid.critical)
 
-    _wrap(goto, "propose", propose)
+    wrap(goto, "propose", propose)
 
 
 def _runs(goto: Any) -> None:
@@ -144,7 +133,7 @@ def _fails(interface: Any) -> None:
             return False
         return method(pose)
 
-    _wrap(interface, "_arrived", arrived)
+    wrap(interface, "_arrived", arrived)
 
 
 def _stands(goto: Any) -> None:
@@ -152,11 +141,7 @@ def _stands(goto: Any) -> None:
         bid = method(*inputs)
         return None if bid is None else alike(bid, action=(0.0, 0.0))
 
-    _wrap(goto, "propose", propose)
-
-
-def _publishes(agent: Any, change: Callable[[Message], Message]) -> None:
-    _wrap(agent, "publish", lambda method, message: method(change(message)))
+    wrap(goto, "propose", propose)
 
 
 def _lost(encoder: Any) -> None:
@@ -167,7 +152,7 @@ def _lost(encoder: Any) -> None:
             return replace(message, covariance=(1.0, 0.0, 0.0, 1.0, 0.0, 0.1))
         return message
 
-    _publishes(encoder, change)
+    publishes(encoder, change)
 
 
 def _blinks(encoder: Any) -> None:
@@ -176,7 +161,7 @@ def _blinks(encoder: Any) -> None:
             return message
         return _doubtful(message, 0.3)
 
-    _publishes(encoder, change)
+    publishes(encoder, change)
 
 
 def _doubtful(message: Message, variance: float) -> Message:
@@ -186,7 +171,7 @@ def _doubtful(message: Message, variance: float) -> Message:
 
 
 def _unsure(encoder: Any) -> None:
-    _publishes(encoder, lambda message: _doubtful(message, 0.02))
+    publishes(encoder, lambda message: _doubtful(message, 0.02))
 
 
 def _flickers(goto: Any) -> None:
@@ -197,7 +182,7 @@ def _flickers(goto: Any) -> None:
         bid = method(*inputs)
         return bid if calls["all"] // FLICKER % 2 else None
 
-    _wrap(goto, "propose", propose)
+    wrap(goto, "propose", propose)
 
 
 def _biased(robot: Any) -> None:
@@ -213,7 +198,7 @@ def _biased(robot: Any) -> None:
         )
         return replace(message, echoes=echoes)
 
-    _publishes(robot, change)
+    publishes(robot, change)
 
 
 def _brakes(robot: Any) -> None:
@@ -222,7 +207,7 @@ def _brakes(robot: Any) -> None:
             return message
         return replace(message, v_decel=BRAKES * message.v_decel)
 
-    _publishes(robot, change)
+    publishes(robot, change)
 
 
 def _caps(robot: Any) -> None:
@@ -231,7 +216,7 @@ def _caps(robot: Any) -> None:
         robot._reflex.why = robot._reflex.why or "an obstacle is in the way"
         return min(safe_v, 0.4 * v) if v > 0.0 else safe_v, safe_w
 
-    _wrap(robot._reflex, "cap", cap)
+    wrap(robot._reflex, "cap", cap)
 
 
 def _late(robot: Any) -> None:
@@ -242,7 +227,7 @@ def _late(robot: Any) -> None:
         while robot.now - waiting[0][0] >= LATE_S:
             method(resource, waiting.popleft()[1])
 
-    _wrap(robot, "obey", obey)
+    wrap(robot, "obey", obey)
 
 
 def _scaled(robot: Any) -> None:
@@ -251,7 +236,7 @@ def _scaled(robot: Any) -> None:
             return message
         return replace(message, x=SCALE * message.x, y=SCALE * message.y)
 
-    _publishes(robot, change)
+    publishes(robot, change)
 
 
 def _jumps(encoder: Any) -> None:
@@ -260,11 +245,11 @@ def _jumps(encoder: Any) -> None:
             return message
         return replace(message, x=message.x + JUMP_M)
 
-    _publishes(encoder, change)
+    publishes(encoder, change)
 
 
 def _endless(interface: Any) -> None:
-    _wrap(interface, "_arrived", lambda _method, _pose: False)
+    wrap(interface, "_arrived", lambda _method, _pose: False)
 
 
 def _straight(planner: Any) -> None:
@@ -272,14 +257,14 @@ def _straight(planner: Any) -> None:
         far = hypot(request.goal.x - request.start.x, request.goal.y - request.start.y)
         return Plan((request.goal,), far)
 
-    _wrap(planner, "_plan", plan)
+    wrap(planner, "_plan", plan)
 
 
 def _keeps(goto: Any) -> None:
     def bid(method: Callable[..., Any], message: object) -> Bid:
         return method(message) or Bid(IDLE, (0.0, 0.0), reason="it keeps the wheels")
 
-    _wrap(goto, "bid", bid)
+    wrap(goto, "bid", bid)
 
 
 def _hides(perception: Any) -> None:
@@ -292,7 +277,7 @@ def _hides(perception: Any) -> None:
         nearest = min(shown, key=lambda p: hypot(p.x, p.y), default=None)
         return replace(message, points=shown, closest=nearest, left=None)
 
-    _publishes(perception, change)
+    publishes(perception, change)
 
 
 def _mirrors(robot: Any) -> None:
@@ -305,33 +290,18 @@ def _mirrors(robot: Any) -> None:
             return replace(message, y=-message.y, bearing=bearing, step=step)
         return message
 
-    _publishes(robot, change)
-
-
-M = TypeVar("M", bound=Message)
-
-
-class _Late(Generic[M]):
-    """Messages that come some cycles late; at first the oldest one."""
-
-    def __init__(self, cycles: int) -> None:
-        self._cycles = cycles
-        self._kept: deque[M] = deque()
-
-    def of(self, newest: M) -> M:
-        self._kept.append(newest)
-        return self._kept.popleft() if len(self._kept) > self._cycles else self._kept[0]
+    publishes(robot, change)
 
 
 def _stale(encoder: Any) -> None:
-    late = _Late[Pose](STALE_CYCLES)
+    late = Late[Pose](STALE_CYCLES)
 
     def change(message: Message) -> Message:
         if not isinstance(message, Pose):
             return message
         return replace(late.of(message), cycle=message.cycle)
 
-    _publishes(encoder, change)
+    publishes(encoder, change)
 
 
 def _drives(robot: Any, change: Callable[[float, float], tuple[float, float]]) -> None:
@@ -341,9 +311,9 @@ def _drives(robot: Any, change: Callable[[float, float], tuple[float, float]]) -
         begins = robot._session is None
         method(up, why)
         if begins and robot._session is not None:
-            _wrap(robot._session, "drive", lambda drive, v, w: drive(*change(v, w)))
+            wrap(robot._session, "drive", lambda drive, v, w: drive(*change(v, w)))
 
-    _wrap(robot, "on_link", linked)
+    wrap(robot, "on_link", linked)
 
 
 def _spins(robot: Any) -> None:
@@ -351,7 +321,7 @@ def _spins(robot: Any) -> None:
 
 
 def _lags(robot: Any) -> None:
-    late = _Late[RobotState](LAG_CYCLES)
+    late = Late[RobotState](LAG_CYCLES)
 
     def change(message: Message) -> Message:
         if not isinstance(message, RobotState):
@@ -359,7 +329,7 @@ def _lags(robot: Any) -> None:
         old = late.of(message)
         return replace(message, x=old.x, y=old.y, theta=old.theta)
 
-    _publishes(robot, change)
+    publishes(robot, change)
 
 
 def _shifts(localization: Any) -> None:
@@ -368,21 +338,21 @@ def _shifts(localization: Any) -> None:
             replace(message, x=message.x + SHIFT_M) if isinstance(message, Correction) else message
         )
 
-    _publishes(localization, change)
+    publishes(localization, change)
 
 
 def _refuses(interface: Any) -> None:
     def consider(method: Callable[..., Any], *asked: Any) -> Any:
         return interface._refuse(NO_POSE) if interface._mission.number else method(*asked)
 
-    _wrap(interface, "_consider", consider)
+    wrap(interface, "_consider", consider)
 
 
 def _no_way(planner: Any) -> None:
     def plan(method: Callable[..., Plan], request: PlanRequest) -> Plan:
         return Plan((), refusal="no way") if request.why else method(request)
 
-    _wrap(planner, "_plan", plan)
+    wrap(planner, "_plan", plan)
 
 
 def _impatient(interface: Any) -> None:
@@ -394,7 +364,7 @@ def _misses(interface: Any) -> None:
         goal = replace(asked.goal, x=asked.goal.x + ASIDE_M)
         return method(question, replace(asked, goal=goal))
 
-    _wrap(interface, "_consider", consider)
+    wrap(interface, "_consider", consider)
 
 
 def _blinds(robot: Any) -> None:
@@ -409,7 +379,7 @@ def _blinds(robot: Any) -> None:
             return replace(message, packed=packed(ranges, 0.0, message.reach))
         return message
 
-    _publishes(robot, change)
+    publishes(robot, change)
 
 
 def _doubles(robot: Any) -> None:
@@ -426,7 +396,7 @@ def _freezes(perception: Any) -> None:
             kept[:] = [message]
         return replace(kept[0], cycle=message.cycle)
 
-    _publishes(perception, change)
+    publishes(perception, change)
 
 
 def _skips(planning: Any) -> None:
@@ -435,7 +405,7 @@ def _skips(planning: Any) -> None:
         if planning.errand.stage in (Stage.PLANNING, Stage.DRIVING):
             wants.done()
 
-    _wrap(planning, "_drive", drive)
+    wrap(planning, "_drive", drive)
 
 
 def _is_sure(localization: Any) -> None:
@@ -448,7 +418,7 @@ def _is_sure(localization: Any) -> None:
         small = (1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4)
         return replace(message, theta=turned, covariance=small)
 
-    _publishes(localization, change)
+    publishes(localization, change)
 
 
 DEFECTS: Final = {
@@ -499,6 +469,7 @@ DEFECTS: Final = {
     "turned": Defect("the pose is turned, and certain", {"localization": _is_sure}),
     "skips": Defect("a mission's task is done once it is under way", {"mission-planning": _skips}),
     "aside": Defect(f"a mission leads {ASIDE_M:g} m beside its goal", {"interface": _misses}),
+    **SENSES,
 }
 """The defects by name."""
 

@@ -1,0 +1,286 @@
+"""Odometry and poses: they move as the robot does, and a lost robot is found again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import atan2, dist, hypot, inf, pi, sqrt
+from typing import Final
+
+from armadico.core.messages import Cycle, Message, RobotState
+from armadico.mobile.behaviour import FOUND_S
+from armadico.mobile.geometry import Pose2, compose, relative, wrap
+from armadico.mobile.messages import Correction, InitialPose, Pose, Truth
+from armadico.observe.audit.promises import Excuse, Finding, Promise
+from armadico.observe.audit.rules import Rule
+from armadico.observe.audit.scene import Scene
+
+STEP_M = 0.02
+SIDEWAYS_RAD = 0.2
+"""A step of at least this length is at most this far off the heading. The most in 25 simulated
+drives of 2 minutes was 0.05 rad, turns and counts of the encoders included."""
+
+TURN_RAD = 0.03
+"""A step that turns by more than this turns in the direction of the measured rate."""
+
+GAP_S = 0.25
+"""Cycles farther apart than this, s, have a gap, in which it may have turned both ways."""
+
+POSES = 64
+"""Cycles whose odometry is kept, to be compared with poses."""
+
+STEP_DEVIATIONS, STEP_FREE_M = 4.0, 0.25
+"""A pose moves otherwise than the odometry by no more than so many of its deviations before and
+after, and the second, m."""
+
+PIECE_M, WINDOW_M = 0.5, 3.0
+"""The odometry's way is compared with the robot's in pieces, until they are so long, m."""
+
+SCALE = 0.06
+"""The share by which they may differ. Made errors of wheels are 2 %."""
+
+CERTAIN_M = 0.15
+"""A pose less certain than this shows no scale, m."""
+
+RATES: Final = {"turns": (0.15, 2.0, "rad"), "goes": (0.1, 2.0, "m")}
+"""Speeds above the first (rad/s, m/s) are compared over turns and ways of the second (rad, m)."""
+
+RATE: Final = 0.2
+"""The share by which they may differ. In undisturbed drives of five robots it was 0.03."""
+
+
+class Heading(Rule):
+    """The steps of the odometry lead along the heading, as a differential drive moves.
+
+    And it turns in the direction of the measured turn rate.
+
+    After a lost link the controller's axes may differ from the pose's. Mixing them up would move
+    maps and poses sideways, and every agent would believe it.
+    """
+
+    promise = Promise.ODOMETRY
+    needs = (RobotState,)
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        before = now.before
+        if not isinstance(message, RobotState) or before is None:
+            return
+        if before.cycle.epoch != message.cycle.epoch:
+            return
+        self.checked = True
+        here = message.x, message.y, message.theta
+        x, y, turned = relative((before.x, before.y, before.theta), here)
+        off = abs(wrap(atan2(y, x) - 0.5 * turned))
+        if now.state_gap_s < GAP_S and abs(turned) > TURN_RAD:
+            rates = (before.w, message.w)  # the turn is between them, and the loops may overshoot
+            if max(rates) < 0.0 < turned or turned < 0.0 < min(rates):
+                what = f"it turned by {turned:.3f} rad while it measured {message.w:.2f} rad/s"
+                yield self.found(now, "robot", what)
+        most = SIDEWAYS_RAD
+        if now.state_gap_s >= GAP_S:  # it may have driven first, and turned then
+            most += 0.5 * abs(turned)
+        if hypot(x, y) > STEP_M and min(off, pi - off) > most:
+            what = f"a step of {hypot(x, y):.3f} m leads {off:.2f} rad off where it heads"
+            yield self.found(now, "robot", what)
+
+
+class Rated(Rule):
+    """The odometry turns and goes on as fast as the wheels' speeds are measured.
+
+    Both are by the wheels, so they slip together. Behaviours brake and turn by the speeds, and
+    poses follow the odometry.
+    """
+
+    promise = Promise.ODOMETRY
+    needs = (RobotState,)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._sums = dict.fromkeys(RATES, (0.0, 0.0))  # by the odometry, and by the speeds
+        self._off = dict.fromkeys(RATES, 0.0)  # the share in the window before
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        before = now.before
+        if not isinstance(message, RobotState) or before is None or message.stalled:
+            return
+        follows = before.cycle.epoch == message.cycle.epoch and 0.0 < now.state_gap_s < GAP_S
+        if not follows or now.excuse(Excuse.DISTURBED) is not None:
+            return
+        turned = abs(wrap(message.theta - before.theta))
+        went = hypot(message.x - before.x, message.y - before.y)
+        yield from self._add("turns", turned, (before.w, message.w), now)
+        yield from self._add("goes", went, (before.v, message.v), now)
+
+    def _add(
+        self, name: str, counted: float, rates: tuple[float, float], now: Scene
+    ) -> Iterator[Finding]:
+        least, full, unit = RATES[name]
+        if min(rates) * max(rates) <= 0.0 or min(map(abs, rates)) < least:
+            return
+        self.checked = True
+        way, due = self._sums[name]
+        way, due = way + counted, due + 0.5 * abs(sum(rates)) * now.state_gap_s
+        self._sums[name] = way, due
+        if max(way, due) < full:
+            return
+        was, self._off[name] = self._off[name], due / max(way, 0.01) - 1.0
+        self._sums[name] = 0.0, 0.0
+        off = self._off[name]
+        if min(abs(off), abs(was)) > RATE and off * was > 0.0 and self.is_new(name, now):
+            what = f"it {name} by {way:.2f} {unit} where its speeds make {due:.2f} {unit}"
+            yield self.found(now, "robot", what, "twice")
+
+
+class Moves(Rule):
+    """A pose moves as the odometry does, or by as much as it was uncertain."""
+
+    promise = Promise.POSE
+    needs = (RobotState, Pose)
+    sees = (InitialPose,)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._odometry: dict[Cycle, Pose2] = {}
+        self._before: tuple[Pose, Pose2] | None = None
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if isinstance(message, RobotState):
+            self._odometry[message.cycle] = message.x, message.y, message.theta
+            if len(self._odometry) > POSES:
+                del self._odometry[next(iter(self._odometry))]
+        elif isinstance(message, InitialPose):
+            self._before = None
+        elif isinstance(message, Pose) and message.cycle in self._odometry:
+            before, here = self._before, self._odometry[message.cycle]
+            self._before = message, here
+            if before is None or not before[0].covariance or not message.covariance:
+                return
+            was = before[0]
+            if (was.cycle.epoch, was.revision) != (message.cycle.epoch, message.revision):
+                return
+            x, y, _ = compose((was.x, was.y, was.theta), relative(before[1], here))
+            off = hypot(message.x - x, message.y - y)
+            known = max(was.deviation, message.deviation)
+            self.checked = True
+            if off > STEP_FREE_M + STEP_DEVIATIONS * known and not now.excuse(Excuse.DISTURBED):
+                what = f"the pose moved by {off:.2f} m otherwise than the odometry"
+                yield self.found(now, "localization", what, f"+-{known:.2f} m")
+
+
+class Scaled(Rule):
+    """The odometry counts as far as the robot moves: in truth, else by poses that are certain."""
+
+    promise = Promise.ODOMETRY
+    needs = (RobotState, Pose)
+    sees = (Truth,)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._from: tuple[tuple[float, float], tuple[float, float]] | None = None
+        self._way_m = self._true_m = 0.0  # of this window
+        self._off = 0.0  # the share in the window before
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        state, before, at = now.state, now.before, now.truth or now.pose
+        if not isinstance(message, RobotState) or state is None or before is None or at is None:
+            return
+        if (
+            (isinstance(at, Pose) and not 0.0 < at.deviation < CERTAIN_M)
+            or before.cycle.epoch != state.cycle.epoch
+            or now.state_gap_s > GAP_S
+            or now.excuse(Excuse.DISTURBED) is not None
+        ):
+            self._from = None
+            return
+        here = (state.x, state.y), (at.x, at.y)
+        since = self._from = self._from or here
+        way = dist(since[0], here[0])
+        if way < PIECE_M:
+            return
+        self._from, self.checked = here, True
+        self._way_m += way
+        self._true_m += dist(since[1], here[1])
+        if self._way_m < WINDOW_M:
+            return
+        way, true, was = self._way_m, self._true_m, self._off
+        self._way_m = self._true_m = 0.0
+        self._off = way / max(true, 0.01) - 1.0
+        if min(abs(self._off), abs(was)) > SCALE and self._off * was > 0.0:
+            self._off = 0.0
+            what = f"the odometry counts {way:.2f} m where the robot moved by {true:.2f} m"
+            yield self.found(now, "robot", what, "twice")
+
+
+FOUND_SHARE: Final = 0.25
+"""A robot that is found again has its time for being lost back by this share of the time."""
+
+CORRECTED_S: Final = 0.3
+DOUBTED, DRIVEN_M, DOUBTED_CYCLES = 1.5, 0.1, 50
+"""A pose that was corrected within the first, s, doubts by no more than the second of the
+correction's deviation, and the third, m, for the way since. So many cycles may. In five drives it
+was 1.2 of the deviation, without a way."""
+
+
+class Found(Rule):
+    """A robot that is lost on a mission finds its place again, and keeps it.
+
+    Being found for a moment is no new beginning: it takes back a share of its own time.
+    """
+
+    promise = Promise.FOUND
+    needs = (RobotState, Pose)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._lost_s, self._last_at, self._mission = 0.0, -inf, 0
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if not isinstance(message, RobotState):
+            return
+        dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
+        self.checked = self.checked or (now.pose is not None and bool(now.pose.covariance))
+        mission = 0 if now.mission is None else now.mission.mission
+        if mission != self._mission:
+            self._mission, self._lost_s = mission, 0.0
+        if not now.lost:
+            self._lost_s = max(self._lost_s - FOUND_SHARE * dt, 0.0)
+        elif (
+            now.driving
+            and now.excuse(Excuse.DISTURBED, Excuse.STOPPED, Excuse.BY_HAND, Excuse.FAULT) is None
+        ):
+            self._lost_s += dt
+            if self._lost_s > FOUND_S:
+                self._lost_s = -inf  # once in a mission
+                assert now.pose is not None, "a pose says that it is lost"
+                what = f"lost for {FOUND_S:.0f} s on a mission"
+                yield self.found(now, "localization", what, f"+-{now.pose.deviation:.1f} m")
+
+
+class Doubts(Rule):
+    """A pose is as certain as the corrections that it follows, so no doubt is made up.
+
+    A doubt excuses from much: a robot that is lost need not drive, and an unsure end is no failure.
+    """
+
+    promise = Promise.FOUND
+    needs = (Pose,)
+    sees = (Correction,)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._known: tuple[float, Cycle, float] = -inf, Cycle(0, 0), 0.0  # s, cycle, deviation, m
+        self._cycles = 0
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if isinstance(message, Correction):
+            xx, _, _, yy, _, _ = message.covariance
+            self._known = now.now, message.cycle, sqrt(max(xx, 0.0) + max(yy, 0.0))
+        elif isinstance(message, Pose):
+            at, cycle, off = self._known
+            if now.now - at > CORRECTED_S or cycle.epoch != message.cycle.epoch:
+                return
+            self.checked = True
+            doubted = message.deviation > hypot(DOUBTED * off, DRIVEN_M)
+            self._cycles += doubted and now.excuse(Excuse.DISTURBED) is None
+            if doubted and self._cycles > DOUBTED_CYCLES and self.is_new("encoder", now):
+                what = f"a pose is known to +-{message.deviation:.2f} m only"
+                yield self.found(now, "encoder", what, f"its corrections to +-{off:.2f} m")

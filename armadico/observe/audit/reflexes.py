@@ -1,0 +1,154 @@
+"""What the robot agent lets through, compared with what its reflex has to by the same readings."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import replace
+from math import copysign
+from typing import Final
+
+from armadico.bridge.reflex import Reflex
+from armadico.config.profile import load_profile
+from armadico.core.config_errors import ConfigError
+from armadico.core.messages import Cycle, Description, Message, RobotState, Twist
+from armadico.mobile.messages import Scan, Sonar
+from armadico.observe.audit.promises import Excuse, Finding, Promise
+from armadico.observe.audit.rules import AGAIN_S, Rule
+from armadico.observe.audit.scene import Scene
+
+WAITS: Final = 3
+"""A cycle is judged once so many further ones have begun: readings may come after states."""
+
+LEARNS_S: Final = 11.0
+"""What the robot agent knows is at most so old, s, with a margin (`bridge.seen`). Until then, and
+after a gap, it knows what the auditor does not."""
+
+OFF_M_S, OFF_RAD_S = 0.1, 0.2
+"""Speeds that differ by more from what the reflex admits differ by more than its search's step, or
+the clock of its ages."""
+
+CLOCKS: Final = (0.97, 1.03)
+"""The robot agent's clock is not known to the moment, and what it knows depends on ages. So orders
+are judged by a slow clock and by a fast one, and one that either of both admits is admissible."""
+
+OFF, OF_ORDERS = 4, 30
+"""So many of so many orders are let through, or held back, against the reflex."""
+
+
+class Reflexes(Rule):
+    """The robot agent lets through what its reflex admits, no less and no more.
+
+    The reflex is a function of what is published: readings, odometry and orders (`bridge.reflex`).
+    So the auditor applies it, too. `Earned` judges by braking distances alone, which forbid less.
+    """
+
+    promise = Promise.EARNED
+    needs = (RobotState, Description)
+    sees = (Sonar, Scan)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._reflexes: tuple[Reflex, ...] = ()  # one for each clock
+        self._robot = ""
+        self._states: deque[RobotState] = deque(maxlen=WAITS + 1)
+        self._read: dict[Cycle, tuple[Sonar | None, Scan | None]] = {}
+        self._learnt_s = 0.0
+        self._over: deque[bool] = deque(maxlen=OF_ORDERS)
+        self._under: deque[bool] = deque(maxlen=OF_ORDERS)
+        self._unknown = ""
+
+    @property
+    def pending(self) -> str:
+        return self._unknown
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if isinstance(message, Sonar):
+            self._read[message.cycle] = message, self._read.get(message.cycle, (None, None))[1]
+        elif isinstance(message, Scan):
+            self._read[message.cycle] = self._read.get(message.cycle, (None, None))[0], message
+        elif isinstance(message, Description):
+            self._describe(message)
+        elif isinstance(message, RobotState) and self._reflexes:
+            yield from self._add(message, now)
+
+    def _describe(self, about: Description) -> None:
+        if about.robot == self._robot:
+            return
+        self._robot, self._reflexes, self._unknown = about.robot, (), ""
+        try:
+            self._begin(about)
+        except ConfigError:
+            self._unknown, self.checked = f"the profile {about.robot} is not at hand", True
+
+    def _add(self, state: RobotState, now: Scene) -> Iterator[Finding]:
+        states, about = self._states, now.description
+        assert about is not None, "it made the reflex"
+        before = states[-1].cycle if states else state.cycle
+        if state.cycle.epoch != before.epoch or state.cycle.number > before.number + 1:
+            self._begin(about)
+        elif state.cycle.number <= before.number and states:
+            return
+        states.append(state)
+        if len(states) <= WAITS:
+            return
+        here, then = states[0], states[1]
+        self._update(here, about)
+        if then.ordered == Twist(0.0, 0.0) or self._learnt_s < LEARNS_S:
+            return
+        yield from self._judge(here, then, now)
+
+    def _begin(self, about: Description) -> None:
+        """Begin anew after a gap."""
+        profile = load_profile(about.robot)
+        self._reflexes = tuple(Reflex(profile) for _ in CLOCKS)
+        self._states.clear()
+        self._read.clear()
+        self._learnt_s = 0.0
+
+    def _update(self, here: RobotState, about: Description) -> None:
+        """Add a cycle, as the robot agent does."""
+        sonar, scan = self._read.pop(here.cycle, (None, None))
+        for cycle in [each for each in self._read if each.number < here.cycle.number]:
+            del self._read[cycle]
+        self._learnt_s += about.cycle_s
+        for reflex, clock in zip(self._reflexes, CLOCKS, strict=True):
+            reflex.update(
+                () if sonar is None else sonar.echoes,
+                (here.x, here.y, here.theta),
+                (here.v, here.w),
+                clock * here.cycle.number * about.cycle_s,
+                scan,
+                (here.admitted.v, here.admitted.w),
+            )
+
+    def _judge(self, here: RobotState, then: RobotState, now: Scene) -> Iterator[Finding]:
+        assert now.description is not None, "it is described"
+        v, w, top = then.ordered.v, then.ordered.w, now.description.v_max
+        if abs(v) > top:
+            v, w = copysign(top, v), w * top / abs(v)
+        may = [reflex.cap(v, w) for reflex in self._reflexes]
+        (least_v, most_v), (_, most_w) = (sorted(map(abs, each)) for each in zip(*may, strict=True))
+        obeyed_v, obeyed_w = abs(then.admitted.v), abs(then.admitted.w)
+        turns_more = obeyed_w > most_w + OFF_RAD_S and obeyed_v > most_v - OFF_M_S
+        over = obeyed_v > most_v + OFF_M_S or turns_more
+        under = obeyed_v < least_v - OFF_M_S and not (here.stalled or then.stalled)
+        self._over.append(over)
+        self._under.append(under)
+        self.checked = True
+        if now.excuse(Excuse.DISTURBED) is not None:
+            return
+        orders, why = f"in {OFF} of {OF_ORDERS} orders", self._reflexes[0].why
+        obeyed = f"{_so(then.admitted)} of {_so(then.ordered)}"
+        if over and sum(self._over) >= OFF and self.is_new("over", now, AGAIN_S):
+            evidence = f"{obeyed}; {_so(Twist(most_v, most_w))} are admissible: {why}"
+            what = f"lets through what its reflex forbids, {orders}"
+            yield self.found(now, "robot", what, evidence)
+        if under and sum(self._under) >= OFF and self.is_new("under", now, AGAIN_S):
+            evidence = f"{obeyed}; {least_v:.2f} m/s are admissible; it says: {then.capped}"
+            what = f"holds back what its readings admit, {orders}"
+            yield replace(self.found(now, "robot", what, evidence), promise=Promise.SPEED)
+
+
+def _so(speeds: Twist) -> str:
+    return f"{speeds.v:.2f} m/s, {speeds.w:.2f} rad/s"
