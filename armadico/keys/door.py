@@ -6,7 +6,7 @@ What is slow to import is imported where it is needed: every process opens a doo
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cached_property, partial
 from pathlib import Path
@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from armadico.core.config_errors import ConfigError
 from armadico.keys.asking import refresh
-from armadico.keys.expiry import ending
-from armadico.keys.store import Identity, Store, stamp
+from armadico.keys.expiry import ending, user_in
+from armadico.keys.store import MEMBERS, Identity, Store, stamp
 from armadico.mesh.door import ACCESS, TLS, USER, Door
 
 if TYPE_CHECKING:
@@ -44,6 +44,21 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
     return _KeyDoor(store, found)
 
 
+class _User(NamedTuple):
+    """Reads the user name for each session, as the keys may be replaced by those of another issue.
+
+    Without a certificate it is that of the first issue, and the robot's router refuses it.
+    """
+
+    identity: Identity
+
+    def __call__(self) -> str:
+        try:
+            return user_in(self.identity.certificate.read_bytes())
+        except ValueError:
+            return self.identity.name
+
+
 class _Password(NamedTuple):
     """Reads the password for each session; equal to another one of the same file."""
 
@@ -60,12 +75,14 @@ class _KeyDoor(Door):
         self._store, self._identity = store, identity
         self._table: Table | None = None
         self._written: object = None
+        self._list_written: object = None
+        self._known_void: Collection[str] | None = None
         settings: dict[str, object] = {
             f"{TLS}root_ca_certificate": str(store.authority),
             f"{TLS}enable_mtls": True,
             f"{TLS}connect_certificate": str(identity.certificate),
             f"{TLS}connect_private_key": str(identity.private),
-            f"{USER}user": identity.name,
+            f"{USER}user": _User(identity),
             f"{USER}password": _Password(identity.password),
         }
         super().__init__(identity.name, settings, str(store.folder))
@@ -97,7 +114,23 @@ class _KeyDoor(Door):
         from armadico.keys.signing import Verifier
 
         now = partial(datetime.now, UTC)
-        return Verifier(self._identity.namespace, self._store.authority, now)
+        return Verifier(self._identity.namespace, self._store.authority, now, self._void)
+
+    def _void(self) -> Collection[str] | None:
+        """The user names whose keys count no more; None while that is not known.
+
+        Where the list of identities is, by that one; elsewhere by what the robot's router
+        publishes.
+        """
+        written = stamp(self._store.folder / MEMBERS)
+        if written is not None and written != self._list_written:
+            self._list_written = written
+            try:
+                members = self._store.members().values()
+                self._known_void = {user for member in members for user in member.void}
+            except ConfigError:
+                self._known_void = None
+        return self._known_void
 
     def may_be_critical(self, instance: str, resource: str) -> bool:
         table = self._rights()

@@ -23,7 +23,8 @@ from cryptography.hazmat.primitives.serialization import (
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from armadico.keys.door import open_door
-from armadico.keys.store import AUTHORITY_KEY, MEMBERS, Store
+from armadico.keys.issuing import Issuer
+from armadico.keys.store import AUTHORITY_KEY, Store
 from armadico.mesh.door import TLS, USER
 from armadico_tools.attacks.victim import Victim
 
@@ -87,18 +88,12 @@ def strangers(victim: Victim) -> Iterator[Stranger]:
 
 
 def revoked(victim: Victim, name: str) -> None:
-    """Mark a member as revoked in the list that the robot's computer reads."""
+    """Revoke all keys of a member."""
     keys = victim.where.keys
     assert keys is not None, "it has keys"
-    path = keys / MEMBERS
-    rows = json.loads(path.read_text(encoding="utf-8"))
-    for row in rows:
-        if row["name"] == f"{victim.namespace}/{name}":
-            row["revoked"] = datetime.now(UTC).isoformat(timespec="seconds")
-    new = path.with_suffix(".new")
-    new.write_text(json.dumps(rows), encoding="utf-8")
-    new.chmod(0o600)
-    new.replace(path)
+    issuer = Issuer.of(Store(keys))
+    member = issuer.store.members()[f"{victim.namespace}/{name}"]
+    issuer.revoke(member.users, datetime.now(UTC))
 
 
 class _Maker:
