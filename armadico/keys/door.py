@@ -10,9 +10,11 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 from armadico.core.config_errors import ConfigError
+from armadico.core.messages import Void
+from armadico.core.services import VOID
 from armadico.keys.asking import refresh
 from armadico.keys.expiry import ending, user_in
 from armadico.keys.store import MEMBERS, Identity, Store, stamp
@@ -75,8 +77,8 @@ class _KeyDoor(Door):
         self._store, self._identity = store, identity
         self._table: Table | None = None
         self._written: object = None
-        self._list_written: object = None
-        self._known_void: Collection[str] | None = None
+        self._list, self._list_written = store.folder / MEMBERS, cast("object", None)
+        self._void: Collection[str] | None = None
         settings: dict[str, object] = {
             f"{TLS}root_ca_certificate": str(store.authority),
             f"{TLS}enable_mtls": True,
@@ -90,6 +92,13 @@ class _KeyDoor(Door):
     def keep(self, mesh: ZenohMesh) -> Callable[[], None]:
         from armadico.keys.renewing import Renewing
 
+        if self._identity.agents and not self._list.exists():
+
+            def told(key: str, data: bytes) -> None:
+                if (message := mesh.read(Void, key, data)) is not None:
+                    self._void = frozenset(message.users)
+
+            mesh.subscribe(VOID.key, told)
         return Renewing(mesh).close
 
     def faults(self, here: bool) -> Sequence[str]:
@@ -114,23 +123,22 @@ class _KeyDoor(Door):
         from armadico.keys.signing import Verifier
 
         now = partial(datetime.now, UTC)
-        return Verifier(self._identity.namespace, self._store.authority, now, self._void)
+        return Verifier(self._identity.namespace, self._store.authority, now, self._revoked)
 
-    def _void(self) -> Collection[str] | None:
+    def _revoked(self) -> Collection[str] | None:
         """The user names whose keys count no more; None while that is not known.
 
         Where the list of identities is, by that one; elsewhere by what the robot's router
         publishes.
         """
-        written = stamp(self._store.folder / MEMBERS)
+        written = stamp(self._list)
         if written is not None and written != self._list_written:
             self._list_written = written
             try:
-                members = self._store.members().values()
-                self._known_void = {user for member in members for user in member.void}
+                self._void = self._store.void(self._identity.namespace)
             except ConfigError:
-                self._known_void = None
-        return self._known_void
+                self._void = None
+        return self._void
 
     def may_be_critical(self, instance: str, resource: str) -> bool:
         table = self._rights()

@@ -285,10 +285,16 @@ class Store:
         except (ValueError, TypeError) as error:
             raise ConfigError(
                 f"cannot be read: {error}; restore it from a copy, such as the archive for the"
-                " robot's computer; without it no identity is admitted or revoked",
+                " robot's computer, and revoke again what was revoked since; without it no identity"
+                " is admitted or revoked",
                 path,
             ) from None
         return {member.name: member for member in found}
+
+    def void(self, namespace: str) -> frozenset[str]:
+        """The user names of a namespace that count no more. Raises ConfigError without the list."""
+        own = [each for each in self.members().values() if each.namespace == namespace]
+        return frozenset(user for member in own for user in member.void)
 
     def members_here(self) -> dict[str, Member]:
         """Every identity by name where the list is; none on other computers."""
