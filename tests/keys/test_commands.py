@@ -187,3 +187,19 @@ def test_a_list_of_keys_tells_which_computer_has_each(lab: Lab) -> None:
     assert "lab1" in lines["r/goto"]
     assert "lab2" in lines["r/goto@1"]
     assert "revoked" in lines["r/goto@1"]
+
+
+def test_rights_are_printed_where_no_list_of_identities_is(
+    lab: Lab, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = lab.folder / "there.toml"
+    table.write_text(TABLE.replace('"keys"', '"lab2"'))
+    words = ["--hosts", str(table), "--host", "lab2", "--namespace", "r"]
+    capsys.readouterr()
+    assert cli.main(["keys", "rights", "goto", *words]) == 0
+    out, err = capsys.readouterr()
+    assert "publishes resource/wheels/utility/goto-$*" in out
+    assert "on the computer that has the authority's key" in err
+    for option in ("--write", "--json"):
+        assert cli.main(["keys", "rights", option, *words]) == 2
+        assert f"no list of identities, which {option} needs" in capsys.readouterr().err
