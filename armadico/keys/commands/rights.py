@@ -49,7 +49,8 @@ def run(args: Options) -> int:
     if not listed and (args.write or args.json):
         needs = "--write" if args.write else "--json"
         raise ConfigError(
-            f"{store.folder} has no list of identities, which {needs} needs: run this on the computer that has the authority's key"
+            f"{store.folder} has no list of identities, which {needs} needs: run this on the"
+            " computer that has the authority's key"
         )
     if args.write:
         table = derived.derive_again(store, namespace)
