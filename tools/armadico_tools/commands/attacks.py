@@ -124,7 +124,6 @@ def _soak(args: Options, minutes: int) -> int:
     """Print what a soak found; 1 if an agent did not come back, or a link was lost for good."""
     from tempfile import TemporaryDirectory
 
-    from armadico_tools.attacks.lab import LabError
     from armadico_tools.attacks.soak import soak
     from armadico_tools.hosts.namespaces import lacking
 
@@ -140,7 +139,7 @@ def _soak(args: Options, minutes: int) -> int:
                 certificate_s=args.certificates,
                 report=options.report,
             )
-        except LabError as error:
+        except PlaceError as error:
             raise FailedError(str(error)) from None
     print("\n".join(found.lines))
     return int(not found.holds)
