@@ -76,6 +76,8 @@ def test_seeds_are_counted_with_the_commit_and_the_next_call_goes_on(
     assert set(said["violations"]) == {promise.name for promise in Promise}
     assert faults.main([*arguments, "--kind", "hang"]) == 0
     assert "4 seeds on this commit, 0 broke a promise" in capsys.readouterr().out
+    assert faults.main([*arguments, "--first", "0", "--json"]) == 0  # by the outcomes that are kept
+    assert json.loads(capsys.readouterr().out) == said
     with (tmp_path / series.SEEDS).open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [row["seed"] for row in rows] == ["0", "1", "2", "3"]
@@ -96,7 +98,7 @@ def test_one_case_is_repeated_from_text_or_file(
 def breaks_if_it_hangs(run: Callable[[Case], Outcome]) -> Callable[..., Outcome]:
     """As if every hang broke a promise."""
 
-    def ran(case: Case, until: Promise | None = None) -> Outcome:
+    def ran(case: Case, *_: object) -> Outcome:
         outcome = run(replace(case, lasts=min(case.lasts, 1.0), faults=()))
         found = [("MOVES", f.at + 0.1, "it stands") for f in case.faults if f.kind == "hang"]
         return replace(outcome, case=case, violations=tuple(found))

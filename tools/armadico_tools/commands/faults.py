@@ -16,6 +16,7 @@ EXAMPLES: Final = """\
   armadico faults --seeds 50 --kind partition --kind hang
   armadico faults --variant people --robot turtlebot4 --scenario house
   armadico faults --planted all --seeds 20     which promises find defects of the product
+  armadico faults --seeds 100 --excuses        which excuses of the auditor are needed
   armadico faults --repeat case.json           repeat a case, as printed with a violation
   armadico faults --live --list                list the kinds of trials, and what they measure
   armadico faults --live --kind holder-killed --trials 5
