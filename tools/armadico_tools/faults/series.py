@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Container, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
@@ -70,7 +70,7 @@ class Task:
         case = case_of(self.seed, self.lasts, *self.only)
         faults = () if self.calm else case.faults
         case = structs.replace(case, planted=self.planted, faults=faults)
-        until: Container[Promise] = Promise if self.planted else ()
+        until = frozenset(Promise) if self.planted else frozenset()
         return run(case, until, Strict if self.strict else Checker)
 
 
