@@ -7,6 +7,7 @@ import json
 import shlex
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from msgspec.structs import replace
@@ -42,6 +43,7 @@ def test_list_names_every_kind_and_promise(capsys: pytest.CaptureFixture[str]) -
         (["--repeat", CALM, "--seeds", "3"], "--seeds is not used"),
         (["--repeat", CALM, "--scenario", "sc1"], "--scenario is not used"),
         (["--variant", "peple"], "people"),
+        (["--once"], "--planted"),
         (["--live", "--robot", "jackal"], "--robot is only for runs without --live"),
     ],
 )
@@ -206,3 +208,21 @@ def test_planted_defects_are_kept_and_not_run_again(
     faults.main([*words, "--seeds", "2"])
     assert json.loads(capsys.readouterr().out) == first
     assert [(task.seed, task.planted) for task in left] == [(2, ""), (2, "stands")]
+
+
+def test_a_defect_that_was_found_is_left_out_of_further_seeds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run: list[tuple[int, str]] = []
+
+    def over(_run: object, tasks: list[series.Task], _jobs: int, _label: str, done: Any) -> bool:
+        for task in tasks:
+            run.append((task.seed, task.planted))
+            broken = (("ARRIVES", 9.0, "late"),) if task.seed == 2 and task.planted else ()
+            done(task, Outcome(Case(task.seed, "sc1", 12.0, ()), {}, broken))
+        return True
+
+    monkeypatch.setattr(series, "over", over)
+    words = ["--planted", "stands", "--once", "--first", "1", "--seeds", "9", "--out"]
+    assert faults.main([*words, str(tmp_path)]) == 0
+    assert run == [(1, ""), (1, "stands"), (2, ""), (2, "stands")]

@@ -195,15 +195,24 @@ def run_planted(args: Options) -> int:
     found = {each: Found() for each in names}
     only = Only(args.kind, args.scenario, given.robot, given.variant)
     among(only.variant, only.scenario, only.robot)  # raises here, not in a worker
-    # Faults excuse a robot from much, so every second seed is without.
-    tasks = [
-        series.Task(seed, lasts, only, each, calm=seed % 2 == 1) for seed in seeds for each in names
-    ]
 
     def done(task: series.Task, outcome: Outcome) -> None:
         found[task.planted].add(outcome)
 
-    complete = _continue(args, tasks, done)
+    complete, batches = True, [[seed] for seed in seeds] if given.once else [[*seeds]]
+    for batch in batches:
+        left = [each for each in names if not (given.once and found[each].found)]
+        if not any(left):
+            break
+        # Faults excuse a robot from much, so every second seed is without.
+        tasks = [
+            series.Task(seed, lasts, only, each, calm=seed % 2 == 1)
+            for seed in batch
+            for each in left
+        ]
+        complete = _continue(args, tasks, done)
+        if not complete:
+            break
     if args.series.json:
         print(json.dumps({each or "none": vars(of) for each, of in found.items()}))
     else:

@@ -28,6 +28,7 @@ class Virtual:
         "plant defect D of --list in the product, or each (all), and count the seeds that find it",
         metavar="D",
     )
+    once: bool = flag("leave a planted defect out once a seed has found it")
     repeat: str | None = option("repeat a case, given as JSON or as a file", metavar="CASE")
 
 
