@@ -126,6 +126,7 @@ def _soak(args: Options, minutes: int) -> int:
 
     from armadico_tools.attacks.soak import soak
     from armadico_tools.hosts.namespaces import lacking
+    from armadico_tools.testbed import PlaceError
 
     if (trouble := lacking()) is not None:
         raise FailedError(trouble)
