@@ -96,7 +96,7 @@ class Soak:
 def soak(
     folder: Path, minutes: float, *, keys: bool, certificate_s: float, report: Callable[[str], None]
 ) -> Soak:
-    """Run a soak. Raises PlaceError if the society does not come up, or the robot drives no more."""
+    """Run a soak. Raises PlaceError without a society, or if the robot drives no more."""
     with ExitStack() as stack:
         lab = stack.enter_context(Lab(folder, DRIVERS if keys else _open(DRIVERS)))
         more = () if keys else ("--open",)
