@@ -32,6 +32,9 @@ DRIVES_S: Final = 2.0
 """An agent is killed once commands were obeyed for so long without a pause."""
 
 DRIVES_WITHIN_S: Final = 60.0
+FASTER_M_S: Final = 1.0
+"""The robot drives slower: its goal lies so far for each second of the soak, and is not reached."""
+
 ASKS_S: Final = 1.0
 """Period of querying bids. An agent keeps its last 50."""
 
@@ -102,13 +105,14 @@ def soak(
         more = () if keys else ("--open",)
         if keys:
             lab.set_up(certificate_s)
-        lab.up(ROBOT, "--set", f"interface.reach_m={5 * FAR_M:g}", *more)
+        far = FAR_M + FASTER_M_S * 60.0 * minutes
+        lab.up(ROBOT, "--set", f"interface.reach_m={2.0 * far:g}", *more)
         lab.up(LAB, *more)
         if keys:
             lab.wait_for_keys()
         client = stack.enter_context(lab.client(VIEWER))
         run = _Run(lab, client, report)
-        return run.all(minutes * 60.0, person() if keys else "")
+        return run.all(minutes * 60.0, person() if keys else "", far)
 
 
 def _open(text: str) -> str:
@@ -124,8 +128,8 @@ class _Run:
         self._cards: dict[str, Card] = {}  # by instance
         client.listen(Ack, RobotState, Command, then=self._drive.update)
 
-    def all(self, seconds: float, driver: str) -> Soak:
-        """Drive by an identity, and kill agents for so long."""
+    def all(self, seconds: float, driver: str, far: float) -> Soak:
+        """Send the robot so far (m) by an identity, and kill agents for so long."""
         client, found = self._client, self.found
         agents = Counter(name for _, name in IN_TURN)
         self._lab.until(
@@ -133,7 +137,7 @@ class _Run:
         )
         expected = Counter(n for n, _ in client.alive)
         with self._lab.client(driver) as there:  # a busy computer may have no pose yet
-            order = MissionRequest(Waypoint(FAR_M, 0.0, 0.0), planned=False)
+            order = MissionRequest(Waypoint(far, 0.0, 0.0), planned=False)
             there.request_mission(order, again=DRIVES_WITHIN_S)
         self._until_driving()
         self._look_at_cards()
@@ -155,6 +159,8 @@ class _Run:
                 counts[name].append(_descriptors(pid))
             self._wait(lambda due=due: client.mesh.now() >= due, EVERY_S)  # type: ignore[misc]
             self._until_driving()
+            now = ", ".join(f"{name} {each[-1]}" for name, each in counts.items())
+            self._report(f"  descriptors: {now}; load {os.getloadavg()[0]:.1f}")
             found.pauses += (new := self._drive.pauses(seen, seen := client.mesh.now()))
             for pause in new:
                 self._report(f"  {pause.text}")
@@ -194,7 +200,7 @@ class _Run:
         found.lost.update(gone)
         self._report(
             f"{name} on {host}{', the holder' if held else ''}: back after"
-            f" {client.mesh.now() - began:.1f} s; load {os.getloadavg()[0]:.1f}"
+            f" {client.mesh.now() - began:.1f} s"
         )
 
     def _until_driving(self) -> None:
