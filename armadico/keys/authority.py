@@ -42,7 +42,7 @@ UNREADABLE: Final = (ValueError, TypeError, x509.InvalidVersion, UnsupportedAlgo
 LONGEST: Final = 64
 """Characters of a common name (RFC 5280, ub-common-name)."""
 
-_COMMON_NAME = re.compile(r"[\w.+/@-]+", re.ASCII)
+_COMMON_NAME = re.compile(r"[\w.+/-]+(@\d+)?", re.ASCII)
 _COMMON_NAME_OF_AUTHORITY = re.compile(r"[\w.+/ -]+", re.ASCII)
 
 
@@ -203,7 +203,7 @@ def _named(name: str, form: re.Pattern[str]) -> x509.Name:
     """Return a subject with a common name: a certificate without one would get a link."""
     if form.fullmatch(name) is None or len(name) > LONGEST:
         raise KeyFileError(
-            f"{name!r} cannot be a common name: letters, digits and '._+-/@', 1 to {LONGEST} of"
+            f"{name!r} cannot be a common name: letters, digits and '._+-/', 1 to {LONGEST} of"
             " them; use a shorter namespace or name"
         )
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from armadico.keys.checking import Checks
 from armadico.keys.expiry import user_in
 from armadico.keys.issuing import Issuer, archive
 from armadico.keys.members import kind_of, of_agents, of_host, of_table
-from armadico.keys.store import MEMBERS, Store, user_of
+from armadico.keys.store import MEMBERS, Member, Store, user_of
 from tests.keys.labs import NOW, lab_in, revoke
 
 
@@ -140,6 +141,34 @@ def test_a_key_of_before_that_was_made_anew_once_is_mended_by_renewing(tmp_path:
     assert facts(goto.certificate.read_bytes()).name == "robot1/goto@2"
     assert goto.password.read_text() == old["robot1/goto"]
     assert not [*Checks(issuer.store, NOW).everything()]
+
+
+def test_a_revocation_is_not_lost_while_other_commands_make_keys(tmp_path: Path) -> None:
+    table, issuer = lab_in(tmp_path)
+    members = of_host(table, "lab2", "robot1", [])
+
+    def give(number: int) -> None:
+        issuer.give(members, f"host{number}", Store(tmp_path / str(number)), NOW)
+
+    def end(name: str) -> None:
+        issuer.revoke([name], NOW)
+
+    names = [member.name for member in members]
+    with ThreadPoolExecutor() as pool:
+        done = [pool.submit(give, number) for number in range(6)]
+        done += [pool.submit(end, name) for name in names]
+        for each in done:
+            each.result()
+    listed = issuer.store.members()
+    assert not [name for name in names if name in listed[name].users]
+    assert all(len(listed[name].users) >= 6 for name in names)
+
+
+def test_no_namespace_or_name_can_be_taken_for_the_number_of_a_key(tmp_path: Path) -> None:
+    _, issuer = lab_in(tmp_path)
+    for name in ("robot1@2/goto", "robot1/goto@x", "robot1/goto@1@2", "robot1/@1/goto"):
+        with pytest.raises(ConfigError, match="cannot be a common name"):
+            issuer.give([Member(name, "agent", ("goto",))], "lab1", issuer.store, NOW)
 
 
 def test_a_private_key_of_before_a_revocation_is_not_renewed_by_hand(tmp_path: Path) -> None:
