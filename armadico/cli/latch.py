@@ -46,14 +46,14 @@ def latch(args: Options, *, stopped: bool, code: str | None = None) -> int:
     if stopped and not args.mesh.connect:
         from armadico.mesh.sockets import stop
 
-        with suppress(TopologyError):  # joining names what is wrong, if it needs the folder
+        with suppress(TopologyError, OSError):  # joining names what is wrong, if it needs it
             told = stop(args.mesh.namespace)  # first: the mesh may be slow, or its listener full
     guard = told.guard if told is not None and not told.latched else None
     if guard is not None:
         options.report(f"{guard.did}; the robot agent (process {guard.agent}) does not answer")
     try:
         mesh = args.mesh.join()
-    except ConfigError as error:  # no usable key or table: the processes here were told
+    except (ConfigError, TopologyError, OSError) as error:  # no usable key, table or folder
         if told is None or (told.pid is None and told.guard is None):
             raise
         raise options.UnknownError(

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import os
-import socket
 import threading
 from collections.abc import Callable, Coroutine, Sequence
 from functools import cache
@@ -29,6 +27,7 @@ from websockets.typing import Subprotocol
 
 from armadico.mesh.sources import Ration, Rations, source_of
 from armadico.observe.page_requests import LONGEST
+from armadico.watch.page.entrance import entrance
 from armadico.watch.page.guard import PROTOCOL, Guard, Refusal, bearer, is_loopback, token_in
 from armadico.watch.page.places import Places
 from armadico.watch.page.session import Session
@@ -44,12 +43,11 @@ ANSWERS: Final = 256  # answers that may wait for a browser; beyond them it is d
 # Connections at once that are no browsers': without a request yet, with the request of a file, or
 # closing. Thousands of them would leave the process no file descriptors.
 WAITING: Final = 256
-BACKLOG: Final = 1024  # connections that the system keeps until they are accepted
 ACCEPTED: Final = 32  # connections that are accepted before others are served
 
 # What one source may open at once, and then per second. A page takes ten connections.
-CONNECTIONS: Final = 400.0
-CONNECTIONS_HZ: Final = 100.0  # from another computer
+CONNECTIONS: Final = 200.0
+CONNECTIONS_HZ: Final = 20.0  # from another computer
 LOOKERS: Final = 2.0 * MOST
 LOOKERS_HZ: Final = 4.0  # browsers without the token
 STRANGERS_HZ: Final = 8.0  # of these, all from other computers together
@@ -176,10 +174,9 @@ class Server:
     # On its own thread ---------------------------------------------------------------------------
 
     async def _listen(self, address: str, port: int) -> Listening:
-        listening = await serve(
+        return await serve(
             self._serve,
-            address,
-            port,
+            sock=entrance(address, port, self._admits),
             backlog=ACCEPTED,
             process_request=self._check,
             select_subprotocol=_subprotocol,
@@ -194,10 +191,6 @@ class Server:
             server_header=None,
             logger=logger,
         )
-        for each in listening.sockets:
-            with socket.socket(fileno=os.dup(each.fileno())) as same:
-                same.listen(BACKLOG)  # asyncio would accept so many in one turn
-        return listening
 
     def _check(self, connection: ServerConnection, request: Request) -> Response | None:
         """The response to a request; None for a WebSocket that is allowed.
@@ -284,12 +277,14 @@ class Server:
         self._closing.add(closing)
         closing.add_done_callback(self._closing.discard)
 
+    def _admits(self, address: str) -> bool:
+        """Whether one more connection from an address is served now."""
+        source = source_of(address)
+        return is_loopback(source) or self._connections.take(source, self._loop.time())
+
     def _arrived(self, transport: asyncio.Transport) -> None:
         self._sockets.add(transport)
         self._admit(transport)
-        source = _source(transport)
-        if not (is_loopback(source) or self._connections.take(source, self._loop.time())):
-            transport.abort()
 
     def _admit(self, transport: asyncio.Transport) -> None:
         """Let a connection wait; the one that has to leave for it is closed."""

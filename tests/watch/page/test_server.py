@@ -21,7 +21,7 @@ from websockets.typing import Origin, Subprotocol
 from armadico.mesh.ports import LOOPBACK
 from armadico.watch.page import server
 from armadico.watch.page.guard import PROTOCOL, Guard, subprotocol
-from armadico.watch.page.server import MOST, WAITING, Server, ServerError, web_files
+from armadico.watch.page.server import CONNECTIONS, MOST, WAITING, Server, ServerError, web_files
 
 SOON = 20.0
 TOKEN = "0123456789abcdef0123"
@@ -288,6 +288,25 @@ def test_connections_without_a_request_keep_nobody_out(place: Place, stack: Exit
         assert first.recv(1) == b""  # closed for a newer one
     opened.send("{}")
     assert json.loads(opened.recv(SOON))["type"] == "answer"
+
+
+def _answers(place: Place) -> bool:
+    """Whether a request for a file is answered; its connection is closed at once otherwise."""
+    where = (LOOPBACK, place.server.port)
+    with suppress(ConnectionError), socket.create_connection(where, SOON) as raw:
+        raw.sendall(f"GET /icon.svg HTTP/1.1\r\nHost: {place.name}\r\n\r\n".encode())
+        return raw.recv(4) == b"HTTP"
+    return False
+
+
+def test_a_source_that_opens_too_many_connections_is_refused_alone(
+    place: Place, stack: ExitStack, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "is_loopback", lambda _: False)  # as from another computer
+    assert _answers(place)
+    _strangers(place, stack, int(CONNECTIONS))
+    assert False in iter(partial(_answers, place), None)
+    assert _hello(place.open(source_address=("127.0.0.2", 0))) == "hello"
 
 
 def test_connections_without_a_request_do_not_delay_the_end(
