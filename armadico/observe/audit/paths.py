@@ -47,10 +47,12 @@ class Sensed:
     """What was sensed lately, world frame, m: planners plan around it."""
 
     def __init__(self) -> None:
+        self.known = False  # whether there was any message of it
         self._seen: deque[tuple[float, Floats]] = deque()  # s, and places
 
     def add(self, message: Message, now: Scene) -> None:
         """Add what a message of obstacles or readings shows."""
+        self.known |= isinstance(message, Obstacles | Scan | Sonar)
         if isinstance(message, Obstacles):
             self._add([(p.x, p.y) for p in message.points], now)
         elif isinstance(message, Scan):
@@ -173,7 +175,7 @@ class Clears(Rule):
 
     promise = Promise.PATH
     needs = (Trajectory,)
-    sees = (Pose, Sonar, Scan)
+    sees = (Pose,)
     charted = True
 
     def __init__(self) -> None:
@@ -188,6 +190,8 @@ class Clears(Rule):
         about, world, chart = now.description, now.world, now.chart
         if about is None or world is None or chart is None or world.unseen is not None:
             return
+        if not self._sensed.known:
+            return  # what the planner leads around is not known
         if message.waypoints in ((), self._judged) or now.excuse(*UNPLANNED) is not None:
             return
         self._judged = message.waypoints

@@ -13,6 +13,7 @@ from armadico.config.worlds import World
 from armadico.core.messages import Cycle, Description, Message, Point, RobotState, Twist
 from armadico.mobile.geometry import Pose2, compose
 from armadico.mobile.messages import Echo, Pose, Sonar, Trajectory, Waypoint
+from armadico.mobile.obstacles import Obstacles
 from armadico.observe.audit.auditor import Auditor
 from armadico.observe.audit.chart import Chart
 from armadico.observe.audit.paths import Clears
@@ -179,6 +180,7 @@ def found_on(walls: list[tuple[float, float, float, float]], y: float) -> list[P
     auditor = auditor_of(Clears)
     auditor.chart(world.outlines, world)
     auditor.update(0.0, "", Pose(Cycle(1, 1), 1.0, 0.0, 0.0, SURE))
+    auditor.update(0.0, "", Obstacles(Cycle(1, 1), None, None, None, None, ()))
     way = tuple(Waypoint(*at, 0.0) for at in ((3.0, y), (7.0, y), (9.0, 0.0)))
     auditor.update(0.1, "", Trajectory(1, 1, way, Point(1.0, 0.0), planned=True))
     return [each.promise for each in auditor.findings]
