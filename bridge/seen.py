@@ -212,8 +212,9 @@ class Seen:
         unseen = (self._now - self._free > lately) & (np.abs(x) < within) & (np.abs(y) < within)
         cells = np.column_stack([x[unseen], y[unseen]])
         near = echoed[self._beside(echoed) < NEAR_M]
-        gaps = np.hypot(*(cells[:, None] - near).transpose(2, 0, 1))
-        hidden = cells[(gaps < GOES_ON_M).any(axis=1)]
+        beside_near = cells[self._beside(cells) < NEAR_M + GOES_ON_M]
+        gaps = np.hypot(*(beside_near[:, None] - near).transpose(2, 0, 1))
+        hidden = beside_near[(gaps < GOES_ON_M).any(axis=1)]
         walls = [places for places, at in self._walls.values() if self._now - at < PAIR_S]
         places = self._from_world(np.concatenate([np.empty((0, 2)), *walls]))
         sure = np.tile(np.abs(ALONG_M) < SURE_M, len(places) // len(ALONG_M))
@@ -470,8 +471,8 @@ def _filled(points: Floats, width: float) -> Floats:
     pairs = (apart > 2.0 * SAME_M) & (apart < width)
     begin, way = points[one[pairs]], (points[other] - points[one])[pairs]
     between = np.concatenate([begin + share * way for share in (0.25, 0.5, 0.75)])
-    thinned: Floats = np.unique(np.round(between / SAME_M), axis=0) * SAME_M
-    return thinned
+    thinned = np.unique(np.round(between / SAME_M) @ (1.0, 1.0j)) * SAME_M
+    return np.column_stack([thinned.real, thinned.imag])
 
 
 def _beyond_view(scan: Scan, ranges: Floats) -> Floats:
