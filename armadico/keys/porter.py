@@ -37,7 +37,7 @@ from armadico.keys.asking import RENEWAL
 from armadico.keys.expiry import LINKS
 from armadico.keys.link import FLOWS, Link
 from armadico.keys.lobby import Lobby
-from armadico.keys.store import Store, name_in
+from armadico.keys.store import Store
 from armadico.mesh.sources import source_of
 
 logger = logging.getLogger("armadico.keys")
@@ -346,7 +346,7 @@ class Porter:
                     " shown no newer one; `armadico keys renew %s` makes one",
                     link.name,
                     link.peer,
-                    name_in(link.name).rpartition("/")[2],
+                    link.name.rpartition("/")[2].partition("@")[0],
                 )
                 self._do(link, link.expire)
             elif link.inner is None and now - link.since >= SILENT_S:

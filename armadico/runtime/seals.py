@@ -65,4 +65,4 @@ class Seals:
         names = [name_of(agents), *([ROBOT] if ROBOT in agents else [])]
         if any(self._door.verify(name, repeat.signed, repeat.signature) for name in names):
             return ""
-        return "it is not signed by its author"
+        return "it is not signed by its author, by a key that counts"

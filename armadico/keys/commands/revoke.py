@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -26,7 +26,7 @@ class Options:
     names: tuple[str, ...] = argument(
         "hosts, persons, identities, or single keys", nargs="+", metavar="NAME"
     )
-    yes: bool = flag("also stop processes on computers that are not named")
+    yes: bool = flag("also revoke what other computers have, too, and were not named")
     society: Society = group(Society, "the society")
 
 
@@ -37,11 +37,14 @@ class Key:
     user: str
     member: Member
     issue: Issue
-    alone: bool  # it was named by its number
 
     @property
     def last(self) -> str:
         return self.member.name.rpartition("/")[2]
+
+    def is_of(self, names: Collection[str]) -> bool:
+        """Return whether full names have its identity, or this key with its number."""
+        return self.member.name in names or f"{self.member.name}@{self.issue.number}" in names
 
     @property
     def losers(self) -> list[str]:
@@ -63,20 +66,21 @@ def run(args: Options) -> int:
             "the robot's key cannot be revoked: if it was stolen, `armadico keys init --anew` makes"
             " a new authority, and then `armadico keys host` new archives for all computers"
         )
+    named = {full for name in args.names for full in (name, f"{namespace}/{name}")}
     others = set[str]()
     ends: dict[str, list[str]] = {}
     for key in chosen.values():
         for holder in key.losers:
             ends.setdefault(holder, []).append(key.last)
-            if holder not in args.names and key.member.kind != "person" and not key.alone:
+            if holder not in args.names and not key.is_of(named):
                 others.add(holder)
     for holder, names in sorted(ends.items()):
         print(f"{holder} loses {', '.join(sorted(names))}; new keys for it: {_anew(holder)}")
     if others and not args.yes:
         raise UsageError(
             f"nothing was revoked: processes on {', '.join(sorted(others))} would end, too. Make"
-            " new keys for them first, if these had the same keys as what is revoked; or add --yes;"
-            " or revoke one key by its number (`armadico keys list`)"
+            " new keys for them first, by the commands above, as they have the same keys; or add"
+            " --yes"
         )
     for user in issuer.revoke(chosen, now()):
         print(f"{user} is revoked")
@@ -99,9 +103,9 @@ def _meant(name: str, namespace: str, members: Mapping[str, Member]) -> list[Key
         known |= {member.name}
         for user, issue in member.users.items():
             known |= {*issue.holders}
-            alone = f"{member.name}@{issue.number}" in full
-            if alone or member.name in full or name.rpartition("/")[2] in issue.holders:
-                found.append(Key(user, member, issue, alone))
+            key = Key(user, member, issue)
+            if key.is_of(full) or name.rpartition("/")[2] in issue.holders:
+                found.append(key)
     if not found:
         raise UnknownNameError("identity or host with keys that count", name, known)
     return found
@@ -122,6 +126,6 @@ COMMAND: Final = Command(
     run,
     "Revoke keys: the robot accepts no new link with them, closes those that exist, and renews no"
     " certificate. Each computer and each archive has keys of its own, so the others drive on. It"
-    " prints what ends, and asks for --yes if that is on a computer that is not named.",
+    " prints what ends, and asks for --yes if other computers have the same keys.",
     EXAMPLES,
 )

@@ -73,6 +73,7 @@ def test_nothing_of_it_can_be_changed_and_no_other_agent_can_sign_it() -> None:
     ):
         assert judge.fault(changed) in (
             "it is not signed by its author",
+            "it is not signed by its author, by a key that counts",
             "its signature has expired",
         )
 
