@@ -187,8 +187,12 @@ class Avoid(Behaviour):
         return Bid(utility, action, critical(scene, p.safety), within, reason)
 
     def _along(self, points: Sequence[Point], v: float, w: float) -> float:
-        """The free distance on the present arc, m; infinite on the spot."""
-        if v <= ON_THE_SPOT_M_S:
+        """The free distance on the present arc, m; infinite while it turns on the spot.
+
+        It does, too, while its inner wheel turns backwards. Otherwise avoid would take the wheels
+        from an agent that turns round beside a wall, stop the motion ahead, and release them.
+        """
+        if v <= ON_THE_SPOT_M_S or v < abs(w) * self.body.outline.half_width:
             return inf
         return free_path(points, v, w, self.body.outline, self.p.safety.margin_m)
 

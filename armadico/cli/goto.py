@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 STARTS_S: Final = 20.0
 """How long to wait for a society that is still starting."""
 
+JOINS_S: Final = 3.0
+"""How long to wait for a robot agent of which nothing is known yet."""
+
 PLANS_S: Final = 5.0
 """Time for a path planner to answer."""
 
@@ -97,7 +100,7 @@ def run(args: Options) -> int:
 
     mission = None
     try:
-        with args.mesh.joined() as mesh, ExitStack() as stack:
+        with args.mesh.joined(JOINS_S) as mesh, ExitStack() as stack:
             client, reason = Client(mesh), Reason(mesh, args.mesh.demand())
             mission = _sent(client, args)
             if through := through_unseen(mission.unseen):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.parsing import group
 from armadico.core.config_errors import ConfigError
+from armadico.mesh.topology import TopologyError
 
 if TYPE_CHECKING:
     from armadico.mesh.sockets import Stopped
@@ -44,13 +46,14 @@ def latch(args: Options, *, stopped: bool, code: str | None = None) -> int:
     if stopped and not args.mesh.connect:
         from armadico.mesh.sockets import stop
 
-        told = stop(args.mesh.namespace)  # first: the mesh may be slow, or its listener full
+        with suppress(TopologyError, OSError):  # joining names what is wrong, if it needs it
+            told = stop(args.mesh.namespace)  # first: the mesh may be slow, or its listener full
     guard = told.guard if told is not None and not told.latched else None
     if guard is not None:
         options.report(f"{guard.did}; the robot agent (process {guard.agent}) does not answer")
     try:
         mesh = args.mesh.join()
-    except ConfigError as error:  # no usable key or table: the processes here were told
+    except (ConfigError, TopologyError, OSError) as error:  # no usable key, table or folder
         if told is None or (told.pid is None and told.guard is None):
             raise
         raise options.UnknownError(
@@ -85,7 +88,7 @@ def latch(args: Options, *, stopped: bool, code: str | None = None) -> int:
             if mesh.wait_joined(0.0):
                 raise
             what = f"the {'stop' if stopped else 'release'} could not be sent"
-            raise options.absent(mesh, args.timeout, what) from None
+            raise options.FailedError(f"{what}: {mesh.missing}") from None
         # Printed first: closing the mesh takes a while if a host does not answer.
         print(f"the robot is {'stopped' if stopped else 'free to move'}", flush=True)
     return 0

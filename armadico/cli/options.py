@@ -63,6 +63,12 @@ INTERRUPTED: Final = 130
 JOIN_S: Final = 1.0
 """How long a short command waits for a robot agent: without one it ends within 2 s."""
 
+STARTS_S: Final = 15.0
+"""How old a society of this computer is that may still be starting its robot agent, s."""
+
+AGAIN_S: Final = 0.2
+"""How often that is checked, s."""
+
 BESIDE: Final = 9
 """Societies beside the first one that need no name of their own."""
 
@@ -163,9 +169,9 @@ class Mesh:
         return self.endpoints(passing=passing).mesh(name, starts=starts)
 
     @contextmanager
-    def joined(self) -> Iterator[ZenohMesh]:
-        """The joined mesh. Raises FailedError if there is no robot agent."""
-        with at_once(self.join(starts=True)) as mesh:
+    def joined(self, within: float = JOIN_S) -> Iterator[ZenohMesh]:
+        """The joined mesh, as `at_once`. Raises FailedError if there is no robot agent."""
+        with at_once(self.join(starts=True), within) as mesh:
             if not mesh.wait_joined(0.0):
                 raise FailedError(mesh.missing)
             yield mesh
@@ -251,11 +257,19 @@ class Meshes(Mesh):
 
 
 @contextmanager
-def at_once(mesh: ZenohMesh) -> Iterator[ZenohMesh]:
-    """The open mesh for a short command; joined, unless there is no robot agent."""
-    until = time.monotonic() + JOIN_S
+def at_once(mesh: ZenohMesh, within: float = JOIN_S) -> Iterator[ZenohMesh]:
+    """The open mesh for a short command; joined, unless there is no robot agent within a time, s.
+
+    The robot agent of a society that has just been started on this computer is waited for longer.
+    """
+    from armadico.mesh.sockets import starting
+
+    until = time.monotonic() + within
     with mesh:
-        mesh.wait_joined(until - time.monotonic())
+        while not mesh.wait_joined(max(until - time.monotonic(), 0.0)):
+            if not starting(mesh.namespace, STARTS_S):
+                break
+            until = time.monotonic() + AGAIN_S
         yield mesh
 
 

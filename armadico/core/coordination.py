@@ -63,6 +63,13 @@ DRAW: Final = 0.1
 # ack may be corrupt; but the owner never obeys a ballot that is implausible to it.
 APART: Final = 2
 
+# A term more than this above the owner's largest is a *leap*. The owner accepts a single leap in
+# LEAP_CYCLES: otherwise a contender whose claims rise by JUMP each reaches the last term within
+# hours, and then no ballot can be cast. So it takes years. Honest terms rise by one per exchange;
+# the first claim after a restart of the owner may leap.
+STEP: Final = 1024
+LEAP_CYCLES: Final = 1000
+
 # Cycles whose bids and claims are kept for comparison. A holder that has bid 0 in all of them
 # releases the resource.
 KEPT_CYCLES: Final = 4
@@ -158,9 +165,9 @@ def by_newest(bids: Bids, claims: Claims, margin: float) -> bool:
 COMPARISONS: Final[Mapping[str, Compare]] = {"same-cycle": same_cycle, "last-heard": by_newest}
 
 
-def plausible(ballot: Ballot | None, largest: Ballot | None) -> bool:
+def plausible(ballot: Ballot | None, largest: Ballot | None, most: int = JUMP) -> bool:
     """Return whether a term is near enough: one corrupt term must not exclude all others."""
-    return ballot is None or ballot.term <= (0 if largest is None else largest.term) + JUMP
+    return ballot is None or ballot.term <= (0 if largest is None else largest.term) + most
 
 
 # A contender --------------------------------------------------------------------------------------
@@ -505,10 +512,10 @@ class Contender:
     def _agree(self, largest: Ballot | None, now: float) -> None:
         """Adopt the owner's largest ballot, larger or smaller, if both are too far apart.
 
-        That happens when some agents accepted a term that others rejected, several times in a row,
-        and when the owner restarts, as it then knows no ballot.
+        That happens when some agents accepted a term that others rejected, and when the owner
+        restarts, as it then knows no ballot.
         """
-        apart = not (plausible(largest, self.largest) and plausible(self.largest, largest))
+        apart = not (plausible(largest, self.largest) and plausible(self.largest, largest, STEP))
         self._apart = self._apart + 1 if apart else 0
         if self._apart >= APART:
             self._apart = 0
@@ -616,6 +623,7 @@ class Owner:
         self._may_be_critical = may_be_critical
         self._barred: Ballot | None = None  # the tenure of a claim that may not be critical
         self._over: Ballot | None = None  # the tenure that was released
+        self._leapt: Cycle | None = None  # when a leap was accepted last
         self._rank = (0.0, False)  # utility and critical of the obeyed tenure
         self._obeyed_at = float("-inf")
 
@@ -624,7 +632,7 @@ class Owner:
 
         Returns whether the resource is to be rested: the obeyed tenure was released.
         """
-        if not self.clock.fresh(claim.cycle) or not plausible(claim.ballot, self.largest):
+        if not self.clock.fresh(claim.cycle) or not self._plausible(claim.ballot):
             return False
         if not self._may(claim.ballot, critical=claim.critical):
             self._barred = claim.ballot
@@ -709,7 +717,7 @@ class Owner:
         # The cycle ended long ago, or the owner hung and the command waited meanwhile.
         if not clock.fresh(cycle) or not clock.alive(now):
             return Verdict.OLD_CYCLE
-        if not plausible(ballot, self.largest):
+        if not self._plausible(ballot):
             return Verdict.IMPLAUSIBLE
         if ballot == self._barred or not self._may(ballot):
             return Verdict.NOT_CRITICAL
@@ -727,8 +735,17 @@ class Owner:
             return Verdict.STOPPED
         return Verdict.LISTENING if clock.begun_lately else Verdict.OBEYED
 
+    def _plausible(self, ballot: Ballot) -> bool:
+        """Return whether a term is near enough to the largest; a leap, if none was just made."""
+        if plausible(ballot, self.largest, STEP):
+            return True
+        since = None if self._leapt is None else self.clock.age(self._leapt)
+        return plausible(ballot, self.largest) and (since is None or since >= LEAP_CYCLES)
+
     def _learn(self, ballot: Ballot) -> None:
         if self.largest is None or ballot > self.largest:
+            if not plausible(ballot, self.largest, STEP):
+                self._leapt = self.clock.newest
             self.largest = ballot
 
     def _end(self, ballot: Ballot, cycle: Cycle) -> bool:

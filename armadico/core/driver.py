@@ -418,6 +418,8 @@ class Driver:
 
     def _refuse_stray(self, to: Subscription, key: str, message: Any, own: float) -> None:
         """Refuse a message that is not of this society; answer a state in this agent's name."""
+        if type(message) is Stop and self.kernel.cycles.newest is None:
+            return  # it joins: it drives nothing, and its first state of the robot has the stop
         self._refuse(key, NOT_CURRENT, self.now)
         if to.kind is Kind.LATCHED and key.rpartition("/")[2] == self.agent.instance:
             self.kernel.memory.answer(message, own)  # others have accepted it as this agent's

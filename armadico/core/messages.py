@@ -402,6 +402,15 @@ class Repeat(Message, frozen=True):
         return cbor2.dumps([self.key, self.payload, self.author, self.until])
 
 
+class Void(Message, frozen=True):
+    """The keys whose signatures count no more, because they were revoked (`Repeat`).
+
+    The robot's router publishes it, in a society with keys.
+    """
+
+    users: Annotated[tuple[Label, ...], Meta(max_length=4096)] = ()  # common names of certificates
+
+
 # The robot ----------------------------------------------------------------------------------------
 
 

@@ -201,6 +201,7 @@ _rows: list[Service] = [
     Service(
         m.Repeat, "repeat/{instance}", _E, None, None, "a latched state of an agent that is gone"
     ),
+    Service(m.Void, "keys/void", _E, 2, None, "the keys that were revoked", watchers_only=True),
     Service(
         m.MonitorReport,
         "monitor/{instance}",
@@ -236,6 +237,7 @@ _by_message: dict[type[m.Message], Service] = {
 }
 
 STOP: Final = _by_message[m.Stop]
+VOID: Final = _by_message[m.Void]
 RELEASE: Final = next(s for s in _rows if s.people)
 CARD = next(s for s in _rows if s.key.endswith("/card"))
 BIDS = next(s for s in _rows if s.key.endswith("/bids"))

@@ -16,7 +16,7 @@ from typing import Any, Final, cast
 from armadico.core.config_errors import ConfigError
 from armadico.keys.asking import RENEWAL
 from armadico.keys.expiry import Validity
-from armadico.keys.store import MEMBERS, Store, admits, stamp
+from armadico.keys.store import MEMBERS, Member, Store, admits, stamp, why_void
 from armadico.mesh.door import ROBOT
 
 logger = logging.getLogger("armadico.keys")
@@ -63,7 +63,8 @@ class Admission:
         """Read the files. Raises ConfigError."""
         self._namespace, self._store = namespace, store
         self._own = store.checked(namespace, ROBOT)
-        self._names = self._revoked = frozenset[str]()
+        self._members: dict[str, Member] = {}
+        self._users = frozenset[str]()
         self._read()
 
     def look(self) -> bool:
@@ -77,15 +78,13 @@ class Admission:
             return False
         return True
 
-    def refusal(self, name: str) -> str:
-        """Why an identity is not admitted; "" if it is."""
-        if name in self._names:
+    def refusal(self, user: str) -> str:
+        """Why the keys of a user name are not admitted; "" if they are."""
+        if user in self._users:
             return ""
-        if name in self._revoked:
-            return f"{name} is revoked"
-        if not name:
+        if not user:
             return "its certificate has no common name"
-        return f"{name} is no member of {self._namespace}"
+        return why_void(user, self._members) or f"{user} is no member of {self._namespace}"
 
     def renewal(self, client: ssl.SSLSocket, expired: float) -> bytes:
         """Return a new certificate for the key of a client's, PEM, or why there is none.
@@ -118,13 +117,15 @@ class Admission:
 
     def _read(self) -> None:
         self._seen = self._stamp()
-        members = self._store.members().values()
+        self._members = self._store.members()
         self.context, self.lenient = self._context(), self._context()
         self.lenient.verify_flags |= NO_CHECK_TIME
         self.lenient.set_alpn_protocols([RENEWAL])
-        self._revoked = frozenset(each.name for each in members if each.revoked)
-        self._names = frozenset(
-            each.name for each in members if admits(each, self._namespace) and not each.revoked
+        self._users = frozenset(
+            user
+            for member in self._members.values()
+            if admits(member, self._namespace)
+            for user in member.users
         )
 
     def _context(self) -> ssl.SSLContext:

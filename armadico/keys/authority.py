@@ -42,7 +42,7 @@ UNREADABLE: Final = (ValueError, TypeError, x509.InvalidVersion, UnsupportedAlgo
 LONGEST: Final = 64
 """Characters of a common name (RFC 5280, ub-common-name)."""
 
-_COMMON_NAME = re.compile(r"[\w.+/-]+", re.ASCII)
+_COMMON_NAME = re.compile(r"[\w.+/-]+(@\d+)?", re.ASCII)
 _COMMON_NAME_OF_AUTHORITY = re.compile(r"[\w.+/ -]+", re.ASCII)
 
 
@@ -103,7 +103,7 @@ def issue(
 
     Args:
         authority: The authority with its private key.
-        name: The common name, `<namespace>/<name>`.
+        name: The common name, which is the user name (`armadico.keys.store.user_of`).
         now: The time, with a zone.
         hours: How long it is valid.
         addresses: Names and addresses at which a router listens; without any it is a client's, and

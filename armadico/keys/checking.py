@@ -9,8 +9,16 @@ from typing import Final
 
 from armadico.core.config_errors import ConfigError
 from armadico.keys.authority import Facts, KeyFileError, facts, is_issued_by, is_pair
-from armadico.keys.expiry import shown
-from armadico.keys.store import Identity, Member, Store, check_private
+from armadico.keys.expiry import shown, user_in
+from armadico.keys.store import (
+    ANEW,
+    Identity,
+    Member,
+    Store,
+    check_private,
+    name_in,
+    why_void,
+)
 from armadico.mesh.door import ROBOT
 
 SOON: Final = timedelta(hours=1)
@@ -71,13 +79,18 @@ class Checks:
         """Whether an identity of this computer is void, where the list of identities is."""
         if member is None:
             return
-        if member.revoked:
-            yield f"{identity.name} was revoked {member.revoked}: {self._remedy(anew=True)}"
-        elif self._store.password(member) != identity.password.read_text(encoding="utf-8"):
-            yield (
-                f"{identity.folder} has a key of {identity.name} from before it was revoked:"
-                f" {self._remedy(anew=True)}"
-            )
+        user = self._store.user_with(identity.password.read_text(encoding="utf-8"), member)
+        try:
+            said = facts(identity.certificate.read_bytes()).name
+        except KeyFileError:
+            return  # `of` names it
+        if user == said:
+            return
+        if user:  # of a folder of before issues had numbers
+            yield f"{identity.certificate} does not tell its issue: {self._remedy()}"
+            return
+        why = why_void(said, {member.name: member})
+        yield f"{identity.folder}: {why or f'its password is not that of {said}: {ANEW}'}"
 
     def of(self, identity: Identity) -> Iterator[str]:
         """What is wrong with an identity, for a link from another computer."""
@@ -94,7 +107,7 @@ class Checks:
             file = identity.certificate
             about = facts(certificate)
             yield from self._times(file, about, self._remedy())
-            if about.name != identity.name:
+            if name_in(about.name) != identity.name:
                 named = about.name or "no single name"
                 yield f"{file} is of {named}, not of {identity.name}: {self._remedy()}"
             if not is_issued_by(certificate, authority):
@@ -111,13 +124,14 @@ class Checks:
         users = self._store.identity(identity.namespace, ROBOT).users
         try:
             known = users.read_text(encoding="utf-8").splitlines()
-            line = f"{identity.name}:{identity.password.read_text(encoding='utf-8')}"
-        except OSError:
+            user = user_in(identity.certificate.read_bytes())
+            line = f"{user}:{identity.password.read_text(encoding='utf-8')}"
+        except (OSError, ValueError):
             return
         if line not in known:
             yield (
                 "the robot agent does not know this key: it was revoked, or issued after the robot"
-                " agent started (`armadico keys list`)"
+                " agent started (`armadico keys check`)"
             )
 
     def expiring(self, identity: Identity) -> str:
@@ -151,9 +165,7 @@ class Checks:
             doubt = f"; {clock}: set it, if it is wrong, or" if ago > CLOCK_OFF else ":"
             yield f"{file} expired {shown(about.ends.timestamp())}, {_span(ago)} ago{doubt} {todo}"
 
-    def _remedy(self, *, anew: bool = False) -> str:
-        if self._store.issues and anew:
-            return "`armadico keys host`, `agent` or `person` makes a new key"
+    def _remedy(self) -> str:
         if self._store.issues:
             return "`armadico keys renew` makes a new one"
         return (

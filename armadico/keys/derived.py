@@ -77,8 +77,11 @@ def load(store: Store, namespace: str) -> Table:
 
 def access_control(store: Store, namespace: str) -> dict[str, object]:
     """Return Zenoh's access control of a robot's router. Raises ConfigError."""
-    admitted = {m.namespace for m in store.members().values() if admits(m, namespace)}
-    return load(store, namespace).access_control(namespace, sorted(admitted - {namespace}))
+    members = store.members().values()
+    admitted = {member.namespace for member in members if admits(member, namespace)}
+    users = {_last(m.name): [*m.users] for m in members if m.namespace == namespace}
+    table = load(store, namespace)
+    return table.access_control(namespace, sorted(admitted - {namespace}), users)
 
 
 def contradictions(stored: Table, derived: Table, among: Collection[str] = ()) -> Iterator[str]:

@@ -21,6 +21,7 @@ from armadico.core.services import (
     BIDS,
     CARD,
     TOKEN,
+    VOID,
     Kind,
     Service,
     by_people,
@@ -169,6 +170,7 @@ def _of_every_agent(names: Mapping[str, str]) -> _Granted:
         expression(TOKEN, **names),
         in_module(services, "TOKEN", "every agent's token"),
     )
+    yield Does.SUBSCRIBE, VOID.key, registered(VOID, "every agent subscribes")
     yield from _watched()
 
 

@@ -6,16 +6,18 @@ What is slow to import is imported where it is needed: every process opens a doo
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 from armadico.core.config_errors import ConfigError
+from armadico.core.messages import Void
+from armadico.core.services import VOID
 from armadico.keys.asking import refresh
-from armadico.keys.expiry import ending
-from armadico.keys.store import Identity, Store, stamp
+from armadico.keys.expiry import ending, user_in
+from armadico.keys.store import MEMBERS, Identity, Store, stamp
 from armadico.mesh.door import ACCESS, TLS, USER, Door
 
 if TYPE_CHECKING:
@@ -44,6 +46,21 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
     return _KeyDoor(store, found)
 
 
+class _User(NamedTuple):
+    """Reads the user name for each session, as the keys may be replaced by those of another issue.
+
+    Without a certificate it is that of the first issue, and the robot's router refuses it.
+    """
+
+    identity: Identity
+
+    def __call__(self) -> str:
+        try:
+            return user_in(self.identity.certificate.read_bytes())
+        except ValueError:
+            return self.identity.name
+
+
 class _Password(NamedTuple):
     """Reads the password for each session; equal to another one of the same file."""
 
@@ -60,12 +77,14 @@ class _KeyDoor(Door):
         self._store, self._identity = store, identity
         self._table: Table | None = None
         self._written: object = None
+        self._list, self._list_written = store.folder / MEMBERS, cast("object", None)
+        self._void: Collection[str] | None = None
         settings: dict[str, object] = {
             f"{TLS}root_ca_certificate": str(store.authority),
             f"{TLS}enable_mtls": True,
             f"{TLS}connect_certificate": str(identity.certificate),
             f"{TLS}connect_private_key": str(identity.private),
-            f"{USER}user": identity.name,
+            f"{USER}user": _User(identity),
             f"{USER}password": _Password(identity.password),
         }
         super().__init__(identity.name, settings, str(store.folder))
@@ -73,6 +92,13 @@ class _KeyDoor(Door):
     def keep(self, mesh: ZenohMesh) -> Callable[[], None]:
         from armadico.keys.renewing import Renewing
 
+        if self._identity.agents and not self._list.exists():
+
+            def told(key: str, data: bytes) -> None:
+                if (message := mesh.read(Void, key, data)) is not None:
+                    self._void = frozenset(message.users)
+
+            mesh.subscribe(VOID.key, told)
         return Renewing(mesh).close
 
     def faults(self, here: bool) -> Sequence[str]:
@@ -97,7 +123,22 @@ class _KeyDoor(Door):
         from armadico.keys.signing import Verifier
 
         now = partial(datetime.now, UTC)
-        return Verifier(self._identity.namespace, self._store.authority, now)
+        return Verifier(self._identity.namespace, self._store.authority, now, self._revoked)
+
+    def _revoked(self) -> Collection[str] | None:
+        """The user names whose keys count no more; None while that is not known.
+
+        Where the list of identities is, by that one; elsewhere by what the robot's router
+        publishes.
+        """
+        written = stamp(self._list)
+        if written is not None and written != self._list_written:
+            self._list_written = written
+            try:
+                self._void = self._store.void(self._identity.namespace)
+            except ConfigError:
+                self._void = None
+        return self._void
 
     def may_be_critical(self, instance: str, resource: str) -> bool:
         table = self._rights()

@@ -7,6 +7,7 @@ import json
 import re
 from contextlib import suppress
 from datetime import UTC, datetime
+from itertools import islice
 from typing import Final, NamedTuple
 
 from armadico.keys.store import BACKDATED_S, Store
@@ -50,8 +51,7 @@ def validity(certificate: bytes) -> Validity:
     `cryptography` takes 60 ms and 10 MB to import, which is much for each process. In DER the two
     times are adjacent and of fixed length (RFC 5280, 4.1.2.5).
     """
-    lines = [line for line in certificate.splitlines() if not line.startswith(b"-----")]
-    found = _VALIDITY.search(base64.b64decode(b"".join(lines)))
+    found = _VALIDITY.search(_der(certificate))
     if found is None:
         raise ValueError("no certificate")
     begins, ends = (
@@ -61,6 +61,26 @@ def validity(certificate: bytes) -> Validity:
     return Validity(begins, ends)
 
 
+def user_in(certificate: bytes) -> str:
+    """Return the user name of a certificate of `armadico.keys.authority`, PEM. Raises ValueError.
+
+    In DER its common name is the second one, after the authority's (RFC 5280, 4.1.2.4).
+    """
+    found = _COMMON_NAME.finditer(_der(certificate))
+    match = next(islice(found, 1, None), None)
+    if match is None:
+        raise ValueError("no certificate")
+    size = match[1][0]
+    return match.string[match.end() : match.end() + size].decode()
+
+
+def _der(certificate: bytes) -> bytes:
+    """Return the DER of a certificate, PEM. Raises ValueError."""
+    lines = [line for line in certificate.splitlines() if not line.startswith(b"-----")]
+    return base64.b64decode(b"".join(lines))
+
+
+_COMMON_NAME: Final = re.compile(rb"\x06\x03\x55\x04\x03\x0c(.)", re.DOTALL)
 _VALIDITY: Final = re.compile(rb"\x30\x1e\x17\x0d(\d{12}Z)\x17\x0d(\d{12}Z)")
 
 

@@ -25,7 +25,15 @@ from armadico.keys.authority import (
     public_of,
 )
 from armadico.keys.derived import derive_again, file_of, load, save
-from armadico.keys.store import Identity, Member, Store, check_private
+from armadico.keys.store import (
+    ANEW,
+    Identity,
+    Member,
+    Store,
+    check_private,
+    name_in,
+    why_void,
+)
 from armadico.mesh.door import ROBOT
 
 HERE = ("localhost", "127.0.0.1", "::1")
@@ -59,15 +67,22 @@ class Issuer:
         pair = Pair(found.authority.read_bytes(), found.authority_key.read_bytes())
         return Issuer(found, pair, hours)
 
-    def list_all(self, members: Mapping[str, Member]) -> None:
-        """List identities, also those that are issued later, as the router admits listed ones."""
-        listed = self.store.members()
-        now = {name: _listed(member, listed.get(name)) for name, member in members.items()}
-        self._list(listed, listed | now)
+    def list_all(self, members: Mapping[str, Iterable[Member]]) -> None:
+        """List the identities of holders, also those that are issued later.
+
+        The router admits listed ones, so it need not open its session anew then.
+        """
+        with self.store.changing():
+            listed = self.store.members()
+            now = dict(listed)
+            for holder, of_holder in members.items():
+                now |= {each.name: _listed(each, now, holder) for each in of_holder}
+            self._list(listed, now)
 
     def give(
         self,
         members: Iterable[Member],
+        holder: str,
         into: Store,
         now: datetime,
         *,
@@ -76,26 +91,33 @@ class Issuer:
         """Issue identities into a folder, and list them; returns them as they are listed.
 
         Args:
-            members: The identities; one that is listed keeps its number, and a revoked one gets
-                the next number.
+            members: The identities. An issue of the holder's keeps its number; if there is none,
+                or it was revoked, it gets the next number.
+            holder: What gets the keys (`Issue.holders`).
             into: The folder, which may be the authority's.
             now: The time, with a zone.
             addresses: The addresses of the robot's router.
 
         Raises ConfigError for a name that no certificate can have.
         """
-        listed = self.store.members()
-        given = tuple(_again(member, listed.get(member.name)) for member in members)
         known = tuple(addresses)
-        pairs = [self._issue(member, now, known) for member in given]
-        self._list(listed, listed | {member.name: member for member in given})
-        for member, pair in zip(given, pairs, strict=True):
-            into.save(member, pair.certificate, pair.private, self.store.password(member))
+        with self.store.changing():
+            listed = self.store.members()
+            given = {member.name: _listed(member, listed, holder) for member in members}
+            users = {name: member.user(holder) for name, member in given.items()}
+            for name, member in given.items():
+                made = replace(member.users[users[name]], given=_written(now))
+                given[name] = member.with_issue(made)
+            pairs = [self._issue(users[name], _server(given[name]), now, known) for name in given]
+            self._list(listed, listed | given)
+        for member, pair in zip(given.values(), pairs, strict=True):
+            password = self.store.password(users[member.name])
+            into.save(member, pair.certificate, pair.private, password)
         if into.folder != self.store.folder:
-            into.copy(self.store, robots=any(map(_server, given)))
-            for namespace in {member.namespace for member in given}:
+            into.copy(self.store, robots=any(map(_server, given.values())))
+            for namespace in {member.namespace for member in given.values()}:
                 save(into, namespace, load(self.store, namespace))
-        return given
+        return tuple(given.values())
 
     def _list(self, before: Mapping[str, Member], now: Mapping[str, Member]) -> None:
         """List the members, and derive the rights of namespaces with other agents."""
@@ -110,22 +132,25 @@ class Issuer:
     ) -> tuple[list[str], list[str]]:
         """Write new certificates for the private keys of a computer.
 
-        Returns the names, and a sentence for each that cannot be renewed.
+        The password tells which issue a key is of. Returns the names, and a sentence for each that
+        cannot be renewed.
         """
         known = tuple(addresses)
+        listed = self.store.members()
         renewed: list[str] = []
         refused: list[str] = []
         for identity in identities:
             try:
-                member = self._renewable(identity.name)
+                user = self._renewable(identity, listed)
                 public = public_of(identity.private.read_bytes())
-            except ConfigError as error:
+            except (ConfigError, OSError) as error:
                 refused.append(str(error))
             except KeyFileError as error:
                 refused.append(f"{identity.private} {error}: `armadico keys host` makes a new one")
             else:
-                pair = self._issue(member, now, known, public)
-                self.store.save(member, pair.certificate, b"", self.store.password(member))
+                member = listed[identity.name]
+                pair = self._issue(user, _server(member), now, known, public)
+                self.store.save(member, pair.certificate, b"", self.store.password(user))
                 renewed.append(identity.name)
         return renewed, refused
 
@@ -138,48 +163,54 @@ class Issuer:
         about = facts(certificate)
         if not is_issued_by(certificate, self.pair.certificate):
             raise ConfigError(f"the certificate of {about.name} is of another authority")
-        member = self._renewable(about.name)
-        if _server(member):
+        members = self.store.members()
+        if why := why_void(about.name, members):
+            raise ConfigError(why)
+        if _server(members[name_in(about.name)]):
             raise ConfigError(f"{about.name} is the robot's: `armadico keys renew` renews it")
         hours = (about.ends - about.begins - BEFORE) / timedelta(hours=1)
         key = certificate_key(certificate)
-        return replace(self, hours=hours)._issue(member, now, (), key).certificate
+        return replace(self, hours=hours)._issue(about.name, False, now, (), key).certificate
 
-    def _renewable(self, name: str) -> Member:
-        """A listed identity that is not revoked. Raises ConfigError."""
-        member = self.store.members().get(name)
-        if member is None:
-            raise ConfigError(f"{name} is not in the list of identities")
-        if member.revoked:
-            raise ConfigError(
-                f"{name} was revoked {member.revoked}: `armadico keys host`, `agent` or `person`"
-                " makes a new key"
-            )
-        return member
+    def _renewable(self, identity: Identity, members: Mapping[str, Member]) -> str:
+        """Return the user name of keys that count. Raises ConfigError, KeyFileError or OSError.
 
-    def revoke(self, names: Iterable[str], now: datetime) -> list[str]:
-        """Revoke identities in the list; returns those that were not revoked before."""
-        listed = self.store.members()
-        new = {
-            name: replace(listed[name], revoked=now.isoformat(timespec="seconds"))
-            for name in names
-            if not listed[name].revoked
-        }
-        self.store.save_members(listed | new)
-        return list(new)
+        The password tells it: certificates of older folders have no number.
+        """
+        member = members.get(identity.name, Member(identity.name, ""))
+        user = self.store.user_with(identity.password.read_text(encoding="utf-8"), member)
+        if not user:
+            said = facts(identity.certificate.read_bytes()).name
+            why = why_void(said, members)
+            raise ConfigError(why or f"{identity.password} is not the password of {said}: {ANEW}")
+        return user
+
+    def revoke(self, users: Iterable[str], now: datetime) -> list[str]:
+        """Revoke issues by their user names; returns those that were not revoked before."""
+        with self.store.changing():
+            listed = self.store.members()
+            new: list[str] = []
+            for user in users:
+                member = listed[name_in(user)]
+                if user in member.users:
+                    gone = replace(member.users[user], revoked=_written(now))
+                    listed[member.name] = member.with_issue(gone)
+                    new.append(user)
+            self.store.save_members(listed)
+        return new
 
     def _issue(
         self,
-        member: Member,
+        user: str,
+        server: bool,
         now: datetime,
         addresses: Sequence[str],
         public: Ed25519PublicKey | None = None,
     ) -> Pair:
-        server = _server(member)
         try:
             return issue(
                 self.pair,
-                member.name,
+                user,
                 now,
                 hours=24.0 * ROUTER_DAYS if server else self.hours,
                 addresses=tuple(dict.fromkeys((*addresses, *HERE))) if server else (),
@@ -189,30 +220,23 @@ class Issuer:
             raise ConfigError(str(error)) from None
 
 
+def _written(t: datetime) -> str:
+    return t.isoformat(timespec="seconds")
+
+
 def _server(member: Member) -> bool:
     """Whether a member's process listens."""
     return member.kind == ROBOT
 
 
-def _listed(member: Member, before: Member | None) -> Member:
-    """An identity as it is listed, whether it has been issued or not."""
-    return member if before is None else replace(before, hosts=_both(before.hosts, member.hosts))
-
-
-def _both(one: Sequence[str], other: Sequence[str]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys((*one, *other)))
+def _listed(member: Member, listed: Mapping[str, Member], holder: str) -> Member:
+    """An identity as it is listed once a holder has keys of it."""
+    before = listed.get(member.name, member)
+    return replace(member, issues=before.issues).held(holder)
 
 
 def _agents(members: Mapping[str, Member], namespace: str) -> dict[str, tuple[str, ...]]:
     return {name: m.agents for name, m in members.items() if m.namespace == namespace}
-
-
-def _again(member: Member, before: Member | None) -> Member:
-    """An identity as it is listed once it is issued."""
-    if before is None:
-        return member
-    issued = before.issue + 1 if before.revoked else before.issue
-    return replace(member, issue=issued, hosts=_both(before.hosts, member.hosts))
 
 
 def archive(folder: Path, name: str, file: Path) -> None:

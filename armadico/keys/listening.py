@@ -11,10 +11,13 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
 from armadico.core.config_errors import ConfigError
+from armadico.core.messages import Void
+from armadico.core.services import VOID
 from armadico.keys.derived import file_of
 from armadico.keys.porter_process import ENDS_S, PorterProcess
 from armadico.keys.store import MEMBERS, Store, stamp
@@ -55,6 +58,8 @@ class Listening:
         self._store = Store(Path(door.folder))
         self._users = self._read_users(door)
         self._stamp = self._stamped()
+        self._void: Void | None = None
+        self._read_void()
         self._ends = [listen(e) for e in mesh.where.listen if e.startswith("tls/")]
         self._over = threading.Event()
         self._porter = self._start() if self._ends else None
@@ -81,6 +86,10 @@ class Listening:
             if stamp != self._stamp:
                 self._stamp = stamp
                 self._renew()
+                self._read_void()
+            if self._void is not None and self._ends:  # again and again: some have just joined
+                with suppress(MeshError):  # it is being left
+                    self._mesh.publish(VOID.key, self._void)
 
     def _guard(self) -> None:
         """Start the porter again when it has ended."""
@@ -121,6 +130,13 @@ class Listening:
         changes = [f"{n} was removed" for n in sorted(left)]
         changes += [f"{n} was added" for n in sorted(came)]
         logger.warning("identities have changed: %s", ", ".join(changes) or "new keys or rights")
+
+    def _read_void(self) -> None:
+        """Read which keys are revoked; without a list that is not known, and not published."""
+        try:
+            self._void = Void(tuple(sorted(self._store.void(self._mesh.namespace))))
+        except ConfigError:
+            self._void = None
 
     def _read_users(self, door: Door) -> bytes:
         try:

@@ -9,10 +9,10 @@ keeps no other one out. The addresses of the host table are served before all ot
 
 from __future__ import annotations
 
-import ipaddress
 from collections import OrderedDict
-from dataclasses import dataclass, field
 from typing import Final, Generic, TypeVar
+
+from armadico.mesh.sources import Ration
 
 MOST_OF_A_SOURCE: Final = 64  # connections that wait; a host with 30 agents starts them at once
 MOST: Final = 512
@@ -25,27 +25,6 @@ RATE_OF_STRANGERS_HZ: Final = 200.0  # together; a fifth of a core
 MOST_SOURCES: Final = 4096  # whose rations are remembered
 
 C = TypeVar("C")  # a connection
-
-
-@dataclass
-class Ration:
-    """How many handshakes may begin: `burst` at once, and then `rate_hz`."""
-
-    rate_hz: float
-    burst: float
-    at: float = 0.0
-    left: float = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.left = self.burst
-
-    def refill(self, now: float) -> None:
-        self.left = min(self.left + max(now - self.at, 0.0) * self.rate_hz, self.burst)
-        self.at = now
-
-    def until_one(self) -> float:
-        """How long it takes until one is left, s."""
-        return max(1.0 - self.left, 0.0) / self.rate_hz
 
 
 class Lobby(Generic[C]):
@@ -153,12 +132,3 @@ class Lobby(Generic[C]):
         for ration in rations:
             ration.refill(now)
         return rations
-
-
-def source_of(address: str) -> str:
-    """Return what an address counts as: with IPv6 its network, which one machine has whole."""
-    found = ipaddress.ip_address(address.partition("%")[0])
-    if isinstance(found, ipaddress.IPv6Address):
-        mapped = found.ipv4_mapped
-        return str(mapped or ipaddress.ip_network((int(found), 64), strict=False))
-    return str(found)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import replace
 
 from armadico.config.hosts import HostTable
 from armadico.config.slots import slot
@@ -13,7 +12,7 @@ from armadico.core.discovery import AGENTS, agent_class, installed, owners
 from armadico.core.guest import IDENTITIES, Guest
 from armadico.core.installed import loaded
 from armadico.core.resources import WHEELS, Resource
-from armadico.keys.store import Member
+from armadico.keys.store import Member, name_in
 from armadico.mesh.door import (
     LAUNCHER,
     MCP,
@@ -52,18 +51,14 @@ def of_host(
     found.append(Member(f"{namespace}/{launcher(name)}", "launcher"))
     found += of_gateways(namespace)
     found += [of_person(namespace, user) for user in persons]
-    return tuple({m.name: replace(m, hosts=(name,)) for m in found}.values())
+    return tuple({member.name: member for member in found}.values())
 
 
-def of_table(table: HostTable, namespace: str, persons: Sequence[str]) -> dict[str, Member]:
-    """The identities of all hosts by name."""
-    found: dict[str, Member] = {}
-    for host in table.hosts:
-        for member in of_host(table, host, namespace, persons):
-            before = found.get(member.name, member)
-            hosts = dict.fromkeys((*before.hosts, *member.hosts))
-            found[member.name] = replace(member, hosts=tuple(hosts))
-    return found
+def of_table(
+    table: HostTable, namespace: str, persons: Sequence[str]
+) -> dict[str, tuple[Member, ...]]:
+    """The identities of each host."""
+    return {host: of_host(table, host, namespace, persons) for host in table.hosts}
 
 
 def of_agents(namespace: str, agents: Sequence[str]) -> Member:
@@ -103,7 +98,7 @@ def for_person(namespace: str, user: str) -> tuple[Member, ...]:
 
 def kind_of(name: str) -> str:
     """The kind of an identity by its name, which no agent may have."""
-    last = name.rpartition("/")[2]
+    last = name_in(name).rpartition("/")[2]
     for prefix, kind in ((PERSON, "person"), (LAUNCHER, "launcher")):
         if last.startswith(prefix):
             return kind

@@ -36,8 +36,9 @@ from armadico.keys.admission import NO_TLS, Admission, failure, introduced
 from armadico.keys.asking import RENEWAL
 from armadico.keys.expiry import LINKS
 from armadico.keys.link import FLOWS, Link
-from armadico.keys.lobby import Lobby, source_of
-from armadico.keys.store import Store
+from armadico.keys.lobby import Lobby
+from armadico.keys.store import Store, name_in
+from armadico.mesh.sources import source_of
 
 logger = logging.getLogger("armadico.keys")
 
@@ -345,7 +346,7 @@ class Porter:
                     " shown no newer one; `armadico keys renew %s` makes one",
                     link.name,
                     link.peer,
-                    link.name.rpartition("/")[2],
+                    name_in(link.name).rpartition("/")[2],
                 )
                 self._do(link, link.expire)
             elif link.inner is None and now - link.since >= SILENT_S:

@@ -11,7 +11,7 @@ covers the instances of an agent called `goto-fast`, so rules deny those (`Table
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import StrEnum
 from typing import Final, NamedTuple
 
@@ -154,16 +154,22 @@ class Table(Struct, frozen=True):
         mine = (name for name, speakers in self.speakers.items() if by in speakers)
         return any(self.why(name, Does.PUT, ack) for name in mine)
 
-    def access_control(self, namespace: str, robots: Iterable[str] = ()) -> dict[str, object]:
+    def access_control(
+        self,
+        namespace: str,
+        robots: Iterable[str] = (),
+        users: Mapping[str, Sequence[str]] | None = None,
+    ) -> dict[str, object]:
         """Return Zenoh's `access_control` for the robot's router.
 
-        A subject is a user name, `<namespace>/<identity>`. What the router sends to a client is
-        not restricted, because it follows from what that client could declare.
+        A subject is an identity with its user names. What the router sends to a client is not
+        restricted, because it follows from what that client could declare.
 
         Args:
             namespace: The robot's.
             robots: The namespaces of the robots that share keys with it. Their routers are
                 clients of this one and may subscribe to those keys.
+            users: The user names of each identity; by default `<namespace>/<identity>`.
         """
         load_all()  # what robots share
         told = _rule("told", Does, [EVERYTHING], flow="egress")
@@ -172,18 +178,24 @@ class Table(Struct, frozen=True):
         subjects: list[dict[str, object]] = []
         policies: list[dict[str, object]] = []
 
-        def add(name: str, own: Sequence[dict[str, object]], *common: str) -> None:
+        def add(
+            name: str, own: Sequence[dict[str, object]], usernames: Sequence[str], *common: str
+        ) -> None:
+            if not usernames:  # for Zenoh that would be everybody
+                return
             rules.extend(own)
-            subjects.append({"id": name, "usernames": [name]})
+            subjects.append({"id": name, "usernames": [*usernames]})
             ids = [*common, *(str(rule["id"]) for rule in own)]
             policies.append({"rules": ids, "subjects": [name]})
 
         for identity in self.speakers:
             if identity != ROBOT:
-                add(f"{namespace}/{identity}", [*self._rules(namespace, identity)], "told")
+                name = f"{namespace}/{identity}"
+                known = [name] if users is None else users.get(identity, ())
+                add(name, [*self._rules(namespace, identity)], known, "told")
         for robot in robots:
             watches = _rule(f"{robot}: router", [Does.WATCH, Does.LOOK], [rooted(robot, ROUTER)])
-            add(f"{robot}/{ROBOT}", [watches], "told", "shared keys")
+            add(f"{robot}/{ROBOT}", [watches], [f"{robot}/{ROBOT}"], "told", "shared keys")
         return {
             "enabled": True,
             "default_permission": "deny",

@@ -1,13 +1,13 @@
 """Signatures under what others repeat: its author is known, whichever process repeats it.
 
 A signature carries its author's certificate, so a receiver needs the authority's alone. It counts
-as long as that certificate is valid, which is a day: also of an author that was revoked meanwhile.
+as long as that certificate is valid, which is a day, unless the key was revoked meanwhile.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from datetime import datetime
 from pathlib import Path
 from typing import Final
@@ -18,7 +18,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, load_pem_priv
 from cryptography.x509 import Certificate, load_der_x509_certificate, load_pem_x509_certificate
 
 from armadico.keys.authority import UNREADABLE, common_name
-from armadico.keys.store import Identity
+from armadico.keys.store import Identity, name_in
 
 LENGTH: Final = 64
 """Bytes of an Ed25519 signature (RFC 8032)."""
@@ -48,9 +48,22 @@ def sign(identity: Identity, data: bytes) -> bytes:
 class Verifier:
     """Checks the signatures of a namespace's identities."""
 
-    def __init__(self, namespace: str, authority: Path, now: Callable[[], datetime]) -> None:
-        """Read the authority's certificate; `now` returns the time. Raises OSError, ValueError."""
-        self._namespace, self._now = namespace, now
+    def __init__(
+        self,
+        namespace: str,
+        authority: Path,
+        now: Callable[[], datetime],
+        void: Callable[[], Collection[str] | None],
+    ) -> None:
+        """Read the authority's certificate. Raises OSError or ValueError.
+
+        Args:
+            namespace: The robot's.
+            authority: The file of the certificate.
+            now: Returns the time.
+            void: Returns the user names whose keys count no more; None while that is not known.
+        """
+        self._namespace, self._now, self._void = namespace, now, void
         self._authority = load_pem_x509_certificate(authority.read_bytes())
         self._authors: dict[bytes, Certificate] = {}  # of this authority, by DER
 
@@ -58,7 +71,11 @@ class Verifier:
         """Return whether an identity, without its namespace, has signed data (`sign`)."""
         der, signature = signed[:-LENGTH], signed[-LENGTH:]
         author = self._authors.get(der) or self._author(der)
-        if author is None or common_name(author) != f"{self._namespace}/{name}":
+        void = self._void()
+        if author is None or void is None:
+            return False
+        user = common_name(author)
+        if user in void or name_in(user) != f"{self._namespace}/{name}":
             return False
         if not author.not_valid_before_utc <= self._now() <= author.not_valid_after_utc:
             return False

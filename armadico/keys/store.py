@@ -16,12 +16,14 @@ This module imports nothing heavy, because each process that joins reads the fol
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import stat
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import unquote
@@ -45,6 +47,24 @@ BACKDATED_S: Final = 3600.0
 
 
 @dataclass(frozen=True)
+class Issue:
+    """One issue of an identity: the keys that one archive has of it.
+
+    Attributes:
+        number: Counts the issues of the identity (`user_of`).
+        holders: What has these keys: a host, or the archive of a person or an agent. Older folders
+            have one issue for all hosts.
+        given: When keys of it were last made, as ISO 8601; "" before the first.
+        revoked: When it was revoked; "" if it is not.
+    """
+
+    number: int
+    holders: tuple[str, ...] = ()
+    given: str = ""
+    revoked: str = ""
+
+
+@dataclass(frozen=True)
 class Member:
     """An identity, as the authority and the robot's computer list it.
 
@@ -52,22 +72,77 @@ class Member:
         name: `<namespace>/<name>`.
         kind: agent, robot, person, page, mcp, ros2, viewer, launcher or simulator.
         agents: The agents of its process.
-        hosts: The hosts that have, or will have, its key; empty for none of the table.
-        issue: How often it was issued anew after it was revoked. The password depends on it, so
-            an older key gets no link.
-        revoked: When it was revoked, as ISO 8601; "" if it is not.
+        issues: What was, or will be, issued of it. Each issue has its own certificate, password
+            and user name, so it can be revoked alone. The robot has one.
     """
 
     name: str
     kind: str
     agents: tuple[str, ...] = ()
-    hosts: tuple[str, ...] = ()
-    issue: int = 0
-    revoked: str = ""
+    issues: tuple[Issue, ...] = ()
 
     @property
     def namespace(self) -> str:
         return self.name.rpartition("/")[0]
+
+    @property
+    def users(self) -> dict[str, Issue]:
+        """The issues that are not revoked, by user name."""
+        return {user_of(self.name, each.number): each for each in self.issues if not each.revoked}
+
+    @property
+    def void(self) -> set[str]:
+        """The user names that count no more, also of issues that are not listed any more."""
+        numbers = range(max((each.number for each in self.issues), default=-1) + 1)
+        return {user_of(self.name, number) for number in numbers} - self.users.keys()
+
+    def held(self, by: str) -> Member:
+        """The same with an issue for a holder, which may exist."""
+        own = [each for each in self.users.values() if each.holders == (by,)]
+        if self.kind == ROBOT and self.issues:
+            first, *_ = self.issues
+            holders = tuple(dict.fromkeys((*first.holders, by)))
+            return replace(self, issues=(replace(first, holders=holders),))
+        if own:
+            return self
+        number = max((each.number for each in self.issues), default=-1) + 1
+        return replace(self, issues=(*self.issues, Issue(number, (by,))))
+
+    def user(self, holder: str) -> str:
+        """The user name of a holder's newest issue. Raises StopIteration without one."""
+        of = (user for user, each in reversed(self.users.items()) if holder in each.holders)
+        return next(of)
+
+    def with_issue(self, issue: Issue) -> Member:
+        """The same with an issue in place of the one with its number."""
+        issues = (issue if each.number == issue.number else each for each in self.issues)
+        return replace(self, issues=tuple(issues))
+
+
+def user_of(name: str, number: int) -> str:
+    """Return the user name of an issue, which is the common name of its certificate."""
+    return f"{name}@{number}" if number else name
+
+
+def name_in(user: str) -> str:
+    """Return the identity of a user name."""
+    return user.partition("@")[0]
+
+
+ANEW: Final = "`armadico keys host`, `agent` or `person` makes a new key"
+
+
+def why_void(user: str, members: Mapping[str, Member]) -> str:
+    """Return why the keys of a user name do not count, by the list of identities; "" if they do."""
+    member = members.get(name_in(user))
+    if member is None:
+        return f"{user} is not in the list of identities"
+    if user in member.users:
+        return ""
+    for each in member.issues:
+        if user_of(member.name, each.number) == user:
+            return f"{user} was revoked {each.revoked}: {ANEW}"
+    return f"{user} is from before {member.name} was revoked and made anew: {ANEW}"
 
 
 @dataclass(frozen=True)
@@ -210,39 +285,64 @@ class Store:
         except (ValueError, TypeError) as error:
             raise ConfigError(
                 f"cannot be read: {error}; restore it from a copy, such as the archive for the"
-                " robot's computer; without it no identity is admitted or revoked",
+                " robot's computer, and revoke again what was revoked since; without it no identity"
+                " is admitted or revoked",
                 path,
             ) from None
         return {member.name: member for member in found}
+
+    def void(self, namespace: str) -> frozenset[str]:
+        """The user names of a namespace that count no more. Raises ConfigError without the list."""
+        own = [each for each in self.members().values() if each.namespace == namespace]
+        return frozenset(user for member in own for user in member.void)
 
     def members_here(self) -> dict[str, Member]:
         """Every identity by name where the list is; none on other computers."""
         return self.members() if (self.folder / MEMBERS).exists() else {}
 
+    @contextmanager
+    def changing(self) -> Iterator[None]:
+        """Keep other commands from changing the list of identities meanwhile.
+
+        Otherwise one that makes keys could write the list of before a revocation.
+        """
+        folder = os.open(self.folder, os.O_RDONLY)
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX)
+            yield
+        finally:
+            os.close(folder)
+
     def save_members(self, members: Mapping[str, Member]) -> None:
         rows = [asdict(member) for _, member in sorted(members.items())]
         write_private(self.folder / MEMBERS, json.dumps(rows, indent=1).encode())
 
-    def password(self, member: Member) -> str:
-        """The password of an identity as it was last issued."""
+    def user_with(self, password: str, member: Member) -> str:
+        """Return the user name of the issue that has a password; "" if none that counts has it."""
+        return next((user for user in member.users if self.password(user) == password), "")
+
+    def password(self, user: str) -> str:
+        """The password of an issue, by its user name."""
         import hmac  # slow, and only where passwords are made
 
         path = self.folder / SECRET
         if not path.exists():
             raise ConfigError(f"{path} is missing: it is in the archive for the robot's computer")
         check_private(path)
-        text = f"{member.name}\n{member.issue}".encode()
+        name, _, number = user.partition("@")
+        text = f"{name}\n{number or 0}".encode()
         return hmac.new(path.read_bytes(), text, "sha256").hexdigest()
 
     def users(self, namespace: str) -> Path:
         """Write the dictionary of a robot's router, and return its path.
 
-        It has all identities of the namespace and the robots beside it, without revoked ones.
+        It has all identities of the namespace and the robots beside it, without revoked issues.
         """
         lines = [
-            f"{member.name}:{self.password(member)}"
+            f"{user}:{self.password(user)}"
             for member in self.members().values()
-            if not member.revoked and admits(member, namespace)
+            if admits(member, namespace)
+            for user in member.users
         ]
         path = self.identity(namespace, ROBOT).users
         write_private(path, "\n".join(lines).encode())
@@ -273,8 +373,18 @@ def admits(member: Member, namespace: str) -> bool:
 
 
 def _member(row: dict[str, Any]) -> Member:
-    lists = {key: tuple(row.get(key, ())) for key in ("agents", "hosts")}
-    return Member(**row | lists)
+    """A member of a row of the file. In older files all hosts have the same issue."""
+    if "issues" not in row:
+        only = {key: row.pop(key) for key in ("hosts", "issue", "revoked") if key in row}
+        row["issues"] = [
+            {
+                "number": only.get("issue", 0),
+                "holders": only.get("hosts", ()),
+                "revoked": only.get("revoked", ""),
+            }
+        ]
+    issues = (Issue(**each | {"holders": tuple(each["holders"])}) for each in row["issues"])
+    return Member(**row | {"agents": tuple(row.get("agents", ())), "issues": tuple(issues)})
 
 
 def check_private(path: Path) -> None:

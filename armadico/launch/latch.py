@@ -15,6 +15,7 @@ HELD_S: Final = 1.0  # how long the robot's states must acknowledge a stop, s
 SILENT_S: Final = 0.5  # after this time without a state, the acknowledgement begins again, s
 
 BLIND: Final = 3  # a stop waits for a first state for so many calls of `message`
+LOST: Final = 5  # after so many calls without a new state the robot agent may be another one
 
 # Measured speeds (m/s, rad/s) up to which the wheels count as resting. Braking takes time after a
 # stop.
@@ -54,7 +55,7 @@ class Latching:
         self.refusal = ""
         self._stopped, self._by, self._press, self._code = stopped, by, press, code
         self._release: Stop | None = None
-        self._blind = 0  # calls without a state
+        self._blind = 0  # calls since the last new state
         self._cycle: Cycle | None = None
         self._speeds = (0.0, 0.0)  # measured, m/s and rad/s
         self._motors = True  # on
@@ -65,7 +66,7 @@ class Latching:
         """Process the robot agent's newest state at a time, s; the same state counts once."""
         if state.cycle == self._cycle:
             return
-        self._cycle, self.known = state.cycle, state.stop
+        self._cycle, self.known, self._blind = state.cycle, state.stop, 0
         self._speeds, self._motors = (state.v, state.w), state.motors
         if self._stopped:
             self._update_stop(state.stop, now)
@@ -77,12 +78,13 @@ class Latching:
         """Return the message to publish now, or None.
 
         A stop without the epoch of the robot's cycles always counts, also from an old recording. So
-        it waits for the first state, for a moment.
+        it waits for the first state, for a moment. One of another epoch does not count. So it has
+        none once no state arrives: the robot agent may have restarted, and have no states yet.
         """
         if not self._stopped:
             return self._release
-        if self.known is None and self._blind < BLIND:
-            self._blind += 1
+        self._blind += 1
+        if self.known is None and self._blind <= BLIND:
             return None
         known = self.known or Stop()
         ours = known.stopped and known.press == self._press
@@ -91,7 +93,7 @@ class Latching:
 
     @property
     def _epoch(self) -> int:
-        return 0 if self._cycle is None else self._cycle.epoch
+        return 0 if self._cycle is None or self._blind > LOST else self._cycle.epoch
 
     @property
     def rolling(self) -> str:

@@ -24,6 +24,7 @@ class Refusals:
         self.pause = AGAIN_S
         self._namespace, self._where = namespace, where
         self._why: dict[str, str] = {}  # by endpoint; "": it accepted the handshake alone
+        self._accepted: set[str] = set()  # endpoints that did not object to the identity either
 
     def answers(self, endpoint: str, within: float) -> bool:
         """Return whether a router's port can be joined now, with a timeout in s."""
@@ -35,6 +36,7 @@ class Refusals:
         # A router's objection takes a while. Of several routers those of other robots object.
         waits = endpoint in self._why or len(self._where.connect) > 1
         why = refusal(endpoint, door, within, waits=waits)
+        (self._accepted.add if waits and why == "" else self._accepted.discard)(endpoint)
         if why is None:
             self._why.pop(endpoint, None)
         elif why:
@@ -52,6 +54,7 @@ class Refusals:
     def joined(self) -> None:
         self.pause = AGAIN_S
         self._why.clear()
+        self._accepted.clear()
 
     def why(self, joining: str = "") -> str:
         """Return why a router that is there lets this process not in; "" if that is not known.
@@ -76,6 +79,11 @@ class Refusals:
         place = str(path) if here else joining or " or ".join(self._why)
         if known:
             return f"{place} does not let {door.name} in: {'; '.join(known)}"
+        if joining in self._accepted:
+            return (
+                f"{place} does not let {door.name} in: its port accepts this key, and the robot"
+                " agent does not answer: it hangs, starts, or is overloaded"
+            )
         if joining and not here:  # it makes the handshake, and refuses the identity or hangs
             return (
                 f"{place} does not let {door.name} in: the key was revoked or made anew (`armadico"

@@ -15,7 +15,7 @@ import socket
 import stat
 import struct
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -50,6 +50,7 @@ AGAIN_S: Final = 0.02
 _ANSWER_S: Final = 0.3
 
 _SLASH: Final = "%2f"
+_SHORTENED: Final = f"[0-9a-f]{{10}}{_SLASH}[0-9a-f]{{10}}"  # as `_short` makes it
 
 
 class Holder(NamedTuple):
@@ -62,20 +63,7 @@ class Holder(NamedTuple):
 def folder() -> Path:
     """Return the user's folder of sockets. Raises TopologyError if it cannot be used."""
     base = os.environ.get(RUNTIME_VARIABLE)
-    if base and os.access(base, os.W_OK):
-        path = Path(base) / "armadico"
-    else:
-        import tempfile  # slow, and `armadico stop` is urgent
-
-        path = Path(tempfile.gettempdir()) / f"armadico-{os.getuid()}.run"
-        # Another user can make it first, in a folder that everyone may write to.
-        if path.is_symlink() or (path.exists() and path.lstat().st_uid != os.getuid()):
-            try:
-                path = Path.home() / ".armadico.run"
-            except RuntimeError:  # a user without an entry in the list of users
-                raise TopologyError(
-                    f"{path} belongs to another user; set {RUNTIME_VARIABLE}"
-                ) from None
+    path = Path(base) / "armadico" if base and os.access(base, os.W_OK) else _default()
     try:
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = path.stat()
@@ -84,13 +72,103 @@ def folder() -> Path:
             f"cannot make {path} for sockets: {error.strerror}; set {RUNTIME_VARIABLE} to a folder"
             " that you may write to"
         ) from None
-    if found.st_uid != os.getuid():
+    if {found.st_uid, path.lstat().st_uid} != {os.getuid()}:  # of a link, too
         raise TopologyError(f"{path} belongs to another user; set {RUNTIME_VARIABLE}")
     if stat.S_IMODE(found.st_mode) & 0o022:
         raise TopologyError(
             f"other users can write to {path}; expected mode 0700: chmod 700 {path}"
         )
     return path
+
+
+def _default() -> Path:
+    """Return the folder of sockets without a runtime folder.
+
+    It is beside temporary files. There another user can make one of its name before or after this
+    user's processes start, so the second folder, in the home, counts while a process uses it.
+    """
+    import tempfile  # slow, and `armadico stop` is urgent
+
+    path = Path(tempfile.gettempdir()) / f"armadico-{os.getuid()}.run"
+    try:
+        home = Path.home() / ".armadico.run"
+    except RuntimeError:  # a user without an entry in the list of users
+        return path
+    taken = path.is_symlink() or (path.exists() and path.lstat().st_uid != os.getuid())
+    return home if taken or (_in_use(home) and not _in_use(path)) else path
+
+
+def _in_use(path: Path) -> bool:
+    """Return whether a process has its lock in a folder of sockets."""
+    locks = (*path.glob("*.sock.lock"), *path.glob("*@*.json"))
+    return any(map(is_held, locks))
+
+
+def elsewhere(namespace: str) -> dict[Path, int]:
+    """Return other folders in which a process of this user runs this robot, and its pid.
+
+    They are those of processes that were started with another runtime folder, or whose folder was
+    deleted.
+    """
+    names = {f"{name}.sock.lock" for name in (stem(namespace), _short(namespace))}
+    share, found, own = f"{stem(namespace)}@", dict[Path, int](), _own()
+    for pid in _lockers():
+        for path in _open_files(pid):
+            is_share = path.name.startswith(share) and path.suffix == ".json"
+            if (path.name in names or is_share) and path.parent != own:
+                found[path.parent] = pid
+    return found
+
+
+def shown(found: Mapping[Path, int]) -> str:
+    """Return what to do about a robot that runs in other folders, for people."""
+    path, pid = next(iter(found.items()))
+    more = f" ({len(found) - 1} more like it)" if len(found) > 1 else ""
+    base = f"set {RUNTIME_VARIABLE}={path.parent}"
+    todo = base if path.name == "armadico" else f"unset {RUNTIME_VARIABLE}"
+    return f"One runs with its sockets in {path} (process {pid}){more}: {todo} to reach it"
+
+
+def _own() -> Path | None:
+    try:
+        return folder().resolve()
+    except TopologyError:
+        return None
+
+
+def _lockers() -> set[int]:
+    """Return the processes that have locked a file by flock, as far as is known."""
+    try:
+        rows = [line.split() for line in Path("/proc/locks").read_text().splitlines()]
+    except OSError:
+        return set()
+    return {int(row[4]) for row in rows if row[1] == "FLOCK"}
+
+
+def _open_files(pid: int) -> Iterator[Path]:
+    """Yield the files that a process of this user has open, deleted ones, too."""
+    with suppress(OSError):  # no such process, or another user's
+        if Path(f"/proc/{pid}").stat().st_uid != os.getuid():
+            return
+        for number in Path(f"/proc/{pid}/fd").iterdir():
+            with suppress(OSError):  # closed meanwhile
+                yield Path(str(number.readlink()).removesuffix(" (deleted)"))
+
+
+def robots_here() -> list[str]:
+    """Return the namespaces of robots whose router or share runs on this computer.
+
+    One whose name is too long for a socket is known by its share alone.
+    """
+    where = folder()
+    routers = [p.name.removesuffix(".sock.lock") for p in where.glob("*.sock.lock") if is_held(p)]
+    shares = [p.name.rpartition("@")[0] for p in where.glob("*@*.json") if is_held(p)]
+    names = {name for name in routers if not re.fullmatch(_SHORTENED, name)} | {*shares}
+    return sorted(re.sub("%([0-9a-f]{2})", _character, name) for name in names)
+
+
+def _character(escaped: re.Match[str]) -> str:
+    return chr(int(escaped[1], 16))
 
 
 def socket_of(namespace: str) -> Path:
@@ -229,6 +307,14 @@ def share_of(namespace: str, host: str) -> Path:
 def shares_of(namespace: str) -> list[Path]:
     """Return such files on this computer, locked or not."""
     return sorted(folder().glob(f"{stem(namespace)}@*.json"))
+
+
+def starting(namespace: str, within: float) -> bool:
+    """Return whether a share of a society was started here less than so long ago, s."""
+    with suppress(OSError, TopologyError):  # it ends, or there is no folder
+        now = time.time()
+        return any(is_held(p) and now - p.stat().st_mtime < within for p in shares_of(namespace))
+    return False
 
 
 def owner(lock: Path) -> int | None:

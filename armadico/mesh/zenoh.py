@@ -253,7 +253,9 @@ class ZenohMesh(Reader, Monotonic):
                 " society (`armadico down`, or Ctrl-C where it was started) and start it again"
             )
         places = " or ".join([*own, *self._where.connect])
-        return f"no robot agent at {places}; start one with `armadico up`"
+        found = sockets.elsewhere(self.namespace) if own else {}
+        also = f". {sockets.shown(found)}" if found else ""
+        return f"no robot agent at {places}; start one with `armadico up`{also}"
 
     def open(self) -> None:
         """Join. A client without a router yet goes on trying, and can be used meanwhile.

@@ -57,8 +57,14 @@ def lab_in(folder: Path, now: datetime = NOW, port: int = 7447) -> tuple[HostTab
     issuer = Issuer.of(authority_in(folder / "keys", now))
     issuer.list_all(of_table(table, "robot1", ["anna"]))
     addresses = table.host("lab1").addresses
-    issuer.give(of_host(table, "lab1", "robot1", ["anna"]), issuer.store, now, addresses=addresses)
+    members = of_host(table, "lab1", "robot1", ["anna"])
+    issuer.give(members, "lab1", issuer.store, now, addresses=addresses)
     return table, issuer
+
+
+def revoke(issuer: Issuer, name: str, now: datetime = NOW) -> list[str]:
+    """Revoke all keys of an identity."""
+    return issuer.revoke(issuer.store.members()[name].users, now)
 
 
 NAMES = ("goto", "avoid")
@@ -78,11 +84,11 @@ class Lab:
     def give(self, name: str, *, kind: str = "agent") -> Identity:
         """Issue an identity."""
         member = Member(f"{NAMESPACE}/{name}", kind, (name,))
-        self.issuer.give([member], self.store, datetime.now(UTC))
+        self.issuer.give([member], "lab1", self.store, datetime.now(UTC))
         return self.store.of(member.name)
 
     def revoke(self, name: str) -> None:
-        self.issuer.revoke([f"{NAMESPACE}/{name}"], datetime.now(UTC))
+        revoke(self.issuer, f"{NAMESPACE}/{name}")
 
     def pair_of(
         self, name: str, *, begins_s: float = 0.0, lives_s: float = 3600.0, full: bool = False

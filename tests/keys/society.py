@@ -13,12 +13,13 @@ from armadico.config.endpoints import Endpoints
 from armadico.config.hosts import load_hosts
 from armadico.core.messages import Log
 from armadico.keys.authority import Pair, issue, public_of
+from armadico.keys.expiry import user_in
 from armadico.keys.members import of_agents, of_host
 from armadico.keys.store import Identity, Store, write_private
 from armadico.mesh.door import ROBOT
 from armadico.mesh.ports import free_port
 from armadico.mesh.zenoh import ZenohMesh
-from tests.keys.labs import NAMESPACE, lab_in
+from tests.keys.labs import NAMESPACE, lab_in, revoke
 
 SOON_S = 20.0  # a deadline, not an expectation
 LINE = Log(20, "here I am")
@@ -59,15 +60,15 @@ class Society:
 
     def give_lab2(self) -> None:
         members = of_host(self.table, "lab2", NAMESPACE, ["ben"])
-        self.issuer.give(members, self.store, datetime.now(UTC))
+        self.issuer.give(members, "lab2", self.store, datetime.now(UTC))
 
     def give(self, name: str) -> None:
         """Issue the identity of an agent that is not in the table, for both computers."""
-        for store in (self.issuer.store, self.store):
-            self.issuer.give([of_agents(NAMESPACE, (name,))], store, datetime.now(UTC))
+        for host, store in (("lab1", self.issuer.store), ("lab2", self.store)):
+            self.issuer.give([of_agents(NAMESPACE, (name,))], host, store, datetime.now(UTC))
 
     def revoke(self, name: str) -> None:
-        self.issuer.revoke([f"{NAMESPACE}/{name}"], datetime.now(UTC))
+        revoke(self.issuer, f"{NAMESPACE}/{name}")
 
     def identity(self, name: str = "goto") -> Identity:
         """One of lab2's."""
@@ -83,7 +84,8 @@ class Society:
         public, at = public_of(found.private.read_bytes()), datetime.now(UTC)
         at -= timedelta(seconds=ago_s)
         hours = lives_s / 3600.0
-        pair = issue(self.issuer.pair, found.name, at, hours=hours, public=public)
+        user = user_in(found.certificate.read_bytes())
+        pair = issue(self.issuer.pair, user, at, hours=hours, public=public)
         write_private(found.certificate, pair.certificate)
 
 

@@ -10,8 +10,9 @@ from armadico.keys.authority import Pair, create, issue
 from armadico.keys.checking import Checks
 from armadico.keys.derived import doubts
 from armadico.keys.issuing import Issuer
+from armadico.keys.members import of_agents
 from armadico.keys.store import Identity
-from tests.keys.labs import NOW, lab_in
+from tests.keys.labs import NOW, lab_in, revoke
 
 HOUR = timedelta(hours=1)
 
@@ -117,14 +118,16 @@ def test_a_revoked_key_and_one_from_before_it_was_issued_again_are_named(issuer:
     def everything() -> str:
         return "\n".join(Checks(issuer.store, NOW).everything())
 
-    goto = issuer.store.members()["robot1/goto"]
-    old = issuer.store.of(goto.name).password.read_text()
-    issuer.revoke([goto.name], NOW)
+    goto = issuer.store.of("robot1/goto")
+    old = goto.password.read_text(), goto.certificate.read_text()
+    revoke(issuer, goto.name)
     assert "robot1/goto was revoked 2030-01-02" in everything()
-    issuer.give([goto], issuer.store, NOW)
+    issuer.give([of_agents("robot1", ("goto",))], "lab1", issuer.store, NOW)
     assert everything() == ""
-    issuer.store.of(goto.name).password.write_text(old)
-    assert "has a key of robot1/goto from before it was revoked" in everything()
+    goto.password.write_text(old[0])
+    assert "is not that of robot1/goto@2" in everything()
+    goto.certificate.write_text(old[1])
+    assert f"{goto.folder}: robot1/goto was revoked" in everything()
 
 
 def test_on_the_robots_computer_a_key_that_the_router_does_not_know_is_named(
@@ -134,7 +137,7 @@ def test_on_the_robots_computer_a_key_that_the_router_does_not_know_is_named(
     issuer.store.users("robot1")
     late = NOW + 1000 * HOUR
     assert list(Checks(issuer.store, late).on_socket(goto)) == []  # the socket asks for no date
-    issuer.revoke([goto.name], NOW)
+    revoke(issuer, goto.name)
     issuer.store.users("robot1")
     (line,) = Checks(issuer.store, NOW).on_socket(goto)
     assert "does not know this key" in line

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 
 from armadico import cli
+from armadico.keys.expiry import user_in
+from armadico.keys.store import MEMBERS, Store
 
 
 def test_keys_that_exist_are_named_and_the_authority_is_left_alone(
@@ -44,3 +47,159 @@ def test_a_list_of_identities_that_was_cut_is_named_by_doctor_without_a_society(
     capsys.readouterr()
     assert cli.main(["doctor", *words]) == 1
     assert f"keys: {members}: cannot be read" in capsys.readouterr().out
+
+
+TABLE = """\
+keys = "keys"
+[lab1]
+router = "tcp/127.0.0.1:7447"
+agents = ["robot", "encoder", "goto"]
+[lab2]
+address = "127.0.0.2"
+agents = ["goto"]
+[desk]
+address = "127.0.0.3"
+"""
+
+
+class Lab:
+    """A lab of three computers whose keys were given out, and one person's laptop."""
+
+    def __init__(self, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        self.folder, self._capsys = folder, capsys
+        (folder / "lab.toml").write_text(TABLE)
+        self.store = Store(folder / "keys")
+        self.keys("init", "--person", "olga")
+        for host in ("lab2", "desk"):
+            self.keys("host", host, "--person", "olga", "--out", str(folder / host))
+        self.keys("person", "anna", "--out", str(folder / "anna"))
+
+    def keys(self, *words: str, code: int = 0) -> str:
+        """Run a verb; return what it prints."""
+        self._capsys.readouterr()
+        table = str(self.folder / "lab.toml")
+        found = cli.main(["keys", *words, "--hosts", table, "--host", "lab1", "--namespace", "r"])
+        out, err = self._capsys.readouterr()
+        assert found == code, (words, out, err)
+        return out + err
+
+    def count(self, holder: str) -> set[str]:
+        """The keys in the folder of a computer or an archive that the robot admits."""
+        store = self.store if holder == "lab1" else Store(self.folder / holder)
+        admitted = self.store.users("r").read_text().splitlines()
+        return {
+            identity.last
+            for identity in store.identities()
+            for user in [user_in(identity.certificate.read_bytes())]
+            if f"{user}:{identity.password.read_text()}" in admitted
+        }
+
+
+@pytest.fixture
+def lab(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Lab:
+    return Lab(tmp_path, capsys)
+
+
+def test_nothing_of_a_revoked_persons_archive_counts_and_all_else_does(lab: Lab) -> None:
+    others = {holder: lab.count(holder) for holder in ("lab1", "lab2", "desk")}
+    assert {"person-anna", "page", "mcp", "viewer", "ros2"} <= lab.count("anna")
+    lab.keys("revoke", "person-anna")
+    assert lab.count("anna") == set()
+    assert {holder: lab.count(holder) for holder in others} == others
+
+
+def test_nothing_of_a_revoked_computer_counts_and_the_others_drive_and_stop(lab: Lab) -> None:
+    others = {holder: lab.count(holder) for holder in ("lab1", "desk", "anna")}
+    assert {"robot", "encoder", "goto", "page"} <= others["lab1"]
+    out = lab.keys("revoke", "lab2")
+    (line,) = [line for line in out.splitlines() if line.startswith("lab2 loses ")]
+    assert "goto," in line
+    assert "`armadico keys host lab2`" in line
+    assert out.index(line) < out.index("r/goto@1 is revoked")
+    assert lab.count("lab2") == set()
+    assert {holder: lab.count(holder) for holder in others} == others
+    lab.keys("host", "lab2", "--out", str(lab.folder / "again"))
+    assert "goto" in lab.count("again")
+    assert lab.count("lab2") == set()
+
+
+def test_what_would_end_on_other_computers_is_named_first_and_needs_a_yes(lab: Lab) -> None:
+    out = lab.keys("revoke", "goto", code=2)
+    assert "lab1 loses goto; new keys for it: `armadico keys host lab1`" in out
+    assert "nothing was revoked" in out
+    assert "--yes" in out
+    assert "goto" in lab.count("lab1")
+    lab.keys("revoke", "goto@1")  # lab2's
+    assert "goto" in lab.count("lab1")
+    assert "goto" not in lab.count("lab2")
+    lab.keys("revoke", "goto", "--yes")
+    assert "goto" not in lab.count("lab1")
+
+
+def test_a_person_who_also_used_a_computer_is_out_and_the_computers_keys_are_named(
+    lab: Lab,
+) -> None:
+    out = lab.keys("revoke", "person-olga")
+    assert not any("person-olga" in lab.count(holder) for holder in ("lab1", "lab2", "desk"))
+    assert "page" in lab.count("desk")
+    assert "person-olga had a key on desk, whose other keys stay valid" in out
+    assert "`armadico keys revoke desk`" in out
+
+
+def test_shared_keys_of_an_older_folder_are_revoked_once_the_other_computers_have_new_ones(
+    lab: Lab,
+) -> None:
+    file = lab.store.folder / MEMBERS
+    rows = json.loads(file.read_text())
+    for row in rows:
+        row["hosts"] = sorted({holder for each in row.pop("issues") for holder in each["holders"]})
+        row |= {"issue": 0, "revoked": ""}
+    file.write_text(json.dumps(rows))
+    shared = {f"{row['name']}:" for row in rows if "lab2" in row["hosts"]}
+
+    def admitted() -> set[str]:
+        users = lab.store.users("r").read_text().splitlines()
+        return {begin for begin in shared for user in users if user.startswith(begin)}
+
+    assert "r/goto:" in shared == admitted()
+    out = lab.keys("revoke", "lab2", code=2)
+    for host in ("lab1", "desk"):
+        assert f"new keys for it: `armadico keys host {host}`" in out
+    assert "nothing was revoked" in out
+
+    lab.keys("host", "lab1", "--person", "olga")
+    lab.keys("host", "desk", "--person", "olga", "--out", str(lab.folder / "desk2"))
+    lab.keys("person", "anna", "--out", str(lab.folder / "anna2"))
+    lab.keys("revoke", "lab2")
+    assert admitted() == set()
+    assert {"robot", "encoder", "goto", "page", "person-olga"} <= lab.count("lab1")
+    assert {"page", "person-olga"} <= lab.count("desk2")
+
+
+def test_the_robots_computer_cannot_be_revoked(lab: Lab) -> None:
+    assert "--anew" in lab.keys("revoke", "lab1", code=2)
+    assert "did you mean 'person-anna'" in lab.keys("revoke", "person-ana", code=2)
+
+
+def test_a_list_of_keys_tells_which_computer_has_each(lab: Lab) -> None:
+    lab.keys("revoke", "goto@1")
+    lines = {line.split()[0]: line for line in lab.keys("list").splitlines()}
+    assert "lab1" in lines["r/goto"]
+    assert "lab2" in lines["r/goto@1"]
+    assert "revoked" in lines["r/goto@1"]
+
+
+def test_rights_are_printed_where_no_list_of_identities_is(
+    lab: Lab, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = lab.folder / "there.toml"
+    table.write_text(TABLE.replace('"keys"', '"lab2"'))
+    words = ["--hosts", str(table), "--host", "lab2", "--namespace", "r"]
+    capsys.readouterr()
+    assert cli.main(["keys", "rights", "goto", *words]) == 0
+    out, err = capsys.readouterr()
+    assert "publishes resource/wheels/utility/goto-$*" in out
+    assert "on the computer that has the authority's key" in err
+    for option in ("--write", "--json"):
+        assert cli.main(["keys", "rights", option, *words]) == 2
+        assert f"no list of identities, which {option} needs" in capsys.readouterr().err

@@ -36,7 +36,7 @@ def store(tmp_path: Path) -> Store:
         Member(f"{NAMESPACE}/avoid+goto", "agent", ("avoid", "goto")),
         Member(f"{NAMESPACE}/encoder", "agent", ("encoder",)),
     ]
-    Issuer.of(found).give(members, found, NOW)
+    Issuer.of(found).give(members, "lab1", found, NOW)
     return found
 
 
@@ -48,14 +48,32 @@ def test_making_keys_derives_the_rights(store: Store) -> None:
     assert users == [f"{NAMESPACE}/avoid+goto", f"{NAMESPACE}/encoder"]
 
 
+def test_each_key_of_an_identity_has_its_rights_and_a_revoked_one_has_none(store: Store) -> None:
+    issuer, encoder = Issuer.of(store), f"{NAMESPACE}/encoder"
+
+    def users() -> dict[str, list[str]]:
+        subjects = access_control(store, NAMESPACE)["subjects"]
+        return {each["id"]: each["usernames"] for each in subjects}
+
+    issuer.give([Member(encoder, "agent", ("encoder",))], "lab2", store, NOW)
+    assert users()[encoder] == [encoder, f"{encoder}@1"]
+    issuer.revoke([encoder], NOW)
+    assert users()[encoder] == [f"{encoder}@1"]
+    issuer.revoke([f"{encoder}@1"], NOW)
+    assert encoder not in users(), "a subject without users would be everybody"
+    assert all(users().values())
+
+
 def test_another_member_derives_them_again(store: Store) -> None:
-    Issuer.of(store).give([Member(f"{NAMESPACE}/sonar", "agent", ("sonar",))], store, NOW)
+    sonar = Member(f"{NAMESPACE}/sonar", "agent", ("sonar",))
+    Issuer.of(store).give([sonar], "lab1", store, NOW)
     assert load(store, NAMESPACE).why("sonar", Does.PUT, "sonar/obstacles")
 
 
 def test_a_computer_of_agents_gets_the_table_with_its_keys(store: Store, tmp_path: Path) -> None:
     there = Store(tmp_path / "there")
-    Issuer.of(store).give([Member(f"{NAMESPACE}/encoder", "agent", ("encoder",))], there, NOW)
+    encoder = Member(f"{NAMESPACE}/encoder", "agent", ("encoder",))
+    Issuer.of(store).give([encoder], "lab2", there, NOW)
     assert load(there, NAMESPACE) == load(store, NAMESPACE)
 
 

@@ -72,6 +72,26 @@ def test_a_router_names_a_port_that_is_taken(society: Society) -> None:
         society.open(ZenohMesh("other", other))
 
 
+def test_a_signature_of_a_revoked_key_is_refused_on_every_computer(society: Society) -> None:
+    router = society.router()
+    readers = [router, society.join("goto"), society.join("avoid", "lab2")]
+    author = society.where("lab2").door("goto")
+    signed = author.sign(b"a mission")
+
+    def accepted() -> list[bool]:
+        doors = [reader.where.door for reader in readers]
+        return [door is not None and door.verify("goto", b"a mission", signed) for door in doors]
+
+    assert soon(lambda: all(accepted()))
+
+    society.issuer.revoke(["robot1/goto@1"], datetime.now(UTC))
+    assert soon(lambda: not any(accepted()))
+    society.give_lab2()
+    signed = author.sign(b"a mission")
+    assert soon(lambda: all(accepted()))
+    assert readers[1].wait_joined(0.0), "goto of lab1 has a key of its own"
+
+
 def test_a_revoked_identity_is_out_of_the_running_society_and_the_others_drive_on(
     society: Society,
 ) -> None:
@@ -170,7 +190,7 @@ def test_without_a_renewal_a_client_is_heard_until_its_certificate_ends(
     assert heard.from_(client)
     door = router.where.door
     assert door is not None
-    assert soon(lambda: "robot1/goto" in door.ending())
+    assert soon(lambda: "robot1/goto@1" in door.ending())
     assert soon(lambda: not client.wait_joined(0.0))
     assert "expires in" in caplog.text
     assert soon(lambda: "expired" in client.missing)

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import os
+import socket
+import threading
 from collections.abc import Callable
 from datetime import UTC, datetime
+from pathlib import Path
 
 import pytest
 
 from armadico.config.endpoints import Endpoints
 from armadico.keys.authority import create, issue
+from armadico.keys.porter import Porter
+from armadico.mesh.ports import LOOPBACK
 from tests.keys.labs import NAMESPACE
 from tests.keys.society import SOON_S, Heard, Society, soon
 
@@ -117,3 +123,23 @@ def test_a_process_that_waits_joins_by_a_new_key_without_being_started_again(
     assert not process.wait_joined(0.0)
     mend(society)
     assert process.wait_joined(SOON_S), process.missing
+
+
+def test_a_robot_agent_that_does_not_answer_is_not_taken_for_a_refusal_of_the_key(
+    society: Society, tmp_path: Path
+) -> None:
+    """Its porter is there, and no router behind it."""
+    listening = society.stack.enter_context(
+        socket.create_server((LOOPBACK, int(society.endpoint.rpartition(":")[2])))
+    )
+    over, end = os.pipe()
+    porter = Porter([listening], NAMESPACE, society.issuer.store, tmp_path / "no.sock")
+    thread = threading.Thread(target=porter.run, args=(over,))
+    thread.start()
+    society.stack.callback(porter.close)
+    society.stack.callback(thread.join)
+    society.stack.callback(os.close, end)
+    process = society.join("goto", "lab2")
+    assert soon(lambda: "accepts this key" in process.missing), process.missing
+    society.revoke("goto")
+    assert soon(lambda: "the key was revoked" in process.missing), process.missing

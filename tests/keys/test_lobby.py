@@ -11,7 +11,6 @@ from armadico.keys.lobby import (
     MOST_OF_A_SOURCE,
     RATE_HZ,
     Lobby,
-    source_of,
 )
 
 
@@ -101,16 +100,3 @@ def test_who_does_not_introduce_itself_in_time_has_to_go() -> None:
     lobby.enter("young", "s", 1.0)
     assert lobby.late(INTRODUCTION_S) == ["old"]
     assert list(lobby.waiting) == ["young"]
-
-
-@pytest.mark.parametrize(
-    ("address", "source"),
-    [
-        ("10.0.0.5", "10.0.0.5"),
-        ("::ffff:10.0.0.5", "10.0.0.5"),
-        ("2001:db8:1:2:3:4:5:6", "2001:db8:1:2::/64"),
-        ("fe80::1%eth0", "fe80::/64"),
-    ],
-)
-def test_a_source_is_an_address_or_with_ipv6_a_network(address: str, source: str) -> None:
-    assert source_of(address) == source

@@ -133,6 +133,32 @@ def test_a_revoked_identity_is_out_and_the_others_stay(door: Door) -> None:
         assert not works(door.connect())
 
 
+def test_a_revoked_key_gets_neither_a_link_nor_a_certificate_after_its_name_is_made_anew(
+    door: Door,
+) -> None:
+    router = door.start_router()
+    own = door.lab.store.identity(NAMESPACE, "goto")
+    stolen = Pair(own.certificate.read_bytes(), own.private.read_bytes())
+    assert door.connect(stolen, asks=True).recv(10) == b"-----BEGIN"
+
+    door.lab.revoke("goto")
+    door.lab.give("goto")
+
+    def gets_in() -> bool:
+        with suppress(OSError):
+            return works(door.connect())
+        return False
+
+    assert any(gets_in() for _ in range(int(SOON * 100)))
+    before = bytes(router.received)
+    with suppress(OSError):
+        assert not works(door.connect(stolen))
+    with suppress(OSError):
+        assert not door.connect(stolen, asks=True).recv(10)
+    assert router.received == before
+    assert door.connect(asks=True).recv(10) == b"-----BEGIN"
+
+
 def test_the_porters_own_certificate_is_read_again(door: Door) -> None:
     door.start_router()
     link = door.connect()

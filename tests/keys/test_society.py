@@ -33,6 +33,8 @@ address = "127.0.0.2"
 agents = ["avoid"]
 """
 
+DESK = '[desk]\naddress = "127.0.0.3"\n'
+
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -104,6 +106,50 @@ def test_a_society_with_keys_needs_no_further_option(folder: Path, run2: str) ->
             key.chmod(0o600)
         assert "stopped by" in call("goto", "2.0", "0.0", "--timeout", "3", env=here).stdout
         does("down", env=here)
+
+
+@pytest.mark.long
+def test_a_revoked_computer_is_out_while_the_robot_drives_on_and_a_desk_stops_it(
+    folder: Path, run2: str
+) -> None:
+    """Also once the computer has a new archive: its old one is void."""
+    table = folder / "lab.toml"
+    table.write_text(table.read_text().replace('["avoid"]', '["avoid", "goto"]') + DESK)
+    for host in ("lab2", "desk"):
+        made = call("keys", "host", host, "--hosts", str(table), "--out", str(folder / host / "k"))
+        assert made.returncode == 0, made.stderr
+        keys = 'keys = "keys"'
+        (folder / host / "lab.toml").write_text(table.read_text().replace(keys, 'keys = "k"'))
+    here = dict(os.environ)
+    elsewhere = here | {RUNTIME_VARIABLE: run2}
+    of_lab2, of_desk = (("--hosts", str(folder / h / "lab.toml")) for h in ("lab2", "desk"))
+    with starter(env=here) as start, starter(env=elsewhere) as start_elsewhere:
+        first = start("up", "sc1", "--hosts", str(table), "--host", "lab1")
+        assert first.stdout is not None
+        assert "lab1 is up" in first.stdout.readline(), first.communicate()
+        second = start_elsewhere("up", "sc1", *of_lab2, "--host", "lab2")
+        assert second.stdout is not None
+        assert "lab2 is up" in second.stdout.readline(), second.communicate()
+        with armadico.connect("closed") as guest:
+
+            def alive() -> list[str]:
+                return sorted(name for name, _ in guest.alive)
+
+            assert guest.wait_for(lambda: alive().count("goto") == 2 and "avoid" in alive(), SOON_S)
+            gone = call("keys", "revoke", "lab2", "--hosts", str(table), "--host", "lab1")
+            assert gone.returncode == 0, gone.stderr
+            assert "lab2 loses" in gone.stdout
+            assert guest.wait_for(lambda: alive().count("goto") == 1, SOON_S), alive()
+            assert guest.wait_for(lambda: "avoid" not in alive(), SOON_S), alive()
+        new = call("keys", "host", "lab2", "--hosts", str(table), "--out", str(folder / "new"))
+        assert new.returncode == 0, new.stderr
+        assert call("stop", *of_lab2, "--host", "lab2", env=elsewhere).returncode != 0
+        assert "goal is reached" in call("goto", "1.0", "0.0", env=here).stdout
+        stopped = call("stop", *of_desk, "--host", "desk", env=elsewhere)
+        assert stopped.returncode == 0, stopped.stderr
+        assert "stopped" in stopped.stdout
+        call("down", env=elsewhere)
+        assert call("down", env=here).returncode == 0
 
 
 def test_a_mission_outlives_its_interface_agent(folder: Path) -> None:

@@ -14,6 +14,7 @@ from armadico.keys.store import (
     AUTHORITY_KEY,
     MEMBERS,
     SECRET,
+    Issue,
     Member,
     Store,
 )
@@ -90,14 +91,16 @@ def test_the_router_knows_its_society_and_the_robots_beside_it_but_no_revoked_on
     tmp_path: Path,
 ) -> None:
     store = authority_in(tmp_path / "keys")
+    one, other = (Issue(0, ("a",)),), (Issue(0, revoked="2030-01-01"), Issue(1))
     members = [
-        Member("lab/r1/robot", "robot"),
-        Member("lab/r1/goto", "agent"),
-        Member("lab/r1/avoid", "agent", revoked="2030-01-01"),
-        Member("lab/r2/robot", "robot"),
-        Member("lab/r2/goto", "agent"),
-        Member("yard/r3/robot", "robot"),
-        Member("r1/robot", "robot"),
+        Member("lab/r1/robot", "robot", issues=one),
+        Member("lab/r1/goto", "agent", issues=one),
+        Member("lab/r1/avoid", "agent", issues=other[:1]),
+        Member("lab/r1/wander", "agent", issues=other),
+        Member("lab/r2/robot", "robot", issues=one),
+        Member("lab/r2/goto", "agent", issues=one),
+        Member("yard/r3/robot", "robot", issues=one),
+        Member("r1/robot", "robot", issues=one),
     ]
     store.save_members({member.name: member for member in members})
     store.identity("lab/r1", "robot").folder.mkdir(parents=True)
@@ -105,6 +108,7 @@ def test_the_router_knows_its_society_and_the_robots_beside_it_but_no_revoked_on
     assert sorted(line.partition(":")[0] for line in lines) == [
         "lab/r1/goto",
         "lab/r1/robot",
+        "lab/r1/wander@1",
         "lab/r2/robot",
     ]
 
@@ -114,7 +118,7 @@ def test_a_hosts_folder_has_neither_the_authoritys_key_nor_other_hosts_agents(
 ) -> None:
     table, issuer = lab_in(tmp_path)
     lab2 = Store(tmp_path / "lab2")
-    issuer.give(of_host(table, "lab2", "robot1", ["ben"]), lab2, NOW)
+    issuer.give(of_host(table, "lab2", "robot1", ["ben"]), "lab2", lab2, NOW)
     here = {path.name for path in lab2.folder.iterdir()}
     assert not here & {AUTHORITY_KEY, SECRET, MEMBERS}
     names = {identity.name.partition("/")[2] for identity in lab2.identities()}
@@ -127,12 +131,11 @@ def test_a_hosts_folder_has_neither_the_authoritys_key_nor_other_hosts_agents(
 def test_the_robots_folder_has_what_its_router_needs(tmp_path: Path) -> None:
     table, issuer = lab_in(tmp_path)
     lab1 = Store(tmp_path / "lab1")
-    issuer.give(of_host(table, "lab1", "robot1", ["anna"]), lab1, NOW)
+    issuer.give(of_host(table, "lab1", "robot1", ["anna"]), "lab1", lab1, NOW)
     assert not (lab1.folder / AUTHORITY_KEY).exists()
     assert lab1.members() == issuer.store.members()
     known = lab1.users("robot1").read_text().splitlines()
-    goto = issuer.store.members()["robot1/goto"]
-    assert f"robot1/goto:{issuer.store.password(goto)}" in known
+    assert f"robot1/goto:{issuer.store.password('robot1/goto')}" in known
     assert json.loads((lab1.folder / MEMBERS).read_text())
 
 

@@ -20,7 +20,7 @@ from armadico.config.scenarios import society
 from armadico.core.agent import Agent
 from armadico.core.coordination import TRANSITIONS, Event, State
 from armadico.core.discovery import summary
-from armadico.core.messages import Ack, Claim, Command, Log, Message, Stop
+from armadico.core.messages import Ack, Claim, Command, Log, Message, Stop, Void
 from armadico.core.parameters import Parameters
 from armadico.core.services import TOKEN, Service, matches
 from armadico.mobile.messages import Truth
@@ -88,6 +88,8 @@ def providers(service: Service) -> str:
         return "any hand"
     if service.message is Truth:
         return "the simulator"
+    if service.message is Void:
+        return "the robot's router"
     found = [name for name, kind in peers().items() if _provides(kind, service)]
     return ", ".join(found) or "the holder"
 

@@ -9,20 +9,24 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final, Self, TypeVar
 
+from armadico.config.endpoints import Endpoints, endpoints
 from armadico.launch.processes import bound, kill_trees
 from armadico.mesh import sockets
+from armadico.mesh.ports import free_port
 from armadico.mesh.sockets import RUNTIME_VARIABLE
 from armadico.mesh.topology import topology
 from armadico_tools.hosts.namespaces import Network
 
 if TYPE_CHECKING:
     from armadico.config.hosts import HostTable
+    from armadico.launch.client import Client
     from armadico.mesh.zenoh import ZenohMesh
 
 T = TypeVar("T")
@@ -32,6 +36,13 @@ TABLE: Final = "demo"
 
 WATCHER: Final = "watcher"
 """The host of the watching process, in the network of the others."""
+
+
+SOON_S: Final = 60.0
+
+
+class PlaceError(RuntimeError):
+    """A command failed, or an event did not come."""
 
 
 class Place:
@@ -52,7 +63,7 @@ class Place:
         self._processes: list[subprocess.Popen[bytes]] = []
 
     def __enter__(self) -> Self:
-        self._stack.enter_context(sockets_in(self._folder))
+        self._stack.enter_context(sockets_in(self._sockets))
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -72,6 +83,42 @@ class Place:
         """Run `armadico WORDS`; its output is kept for `last_lines` of this name."""
         with self._log(name).open("ab") as log:
             return self.popen(host, ["armadico", *words], stdout=log, stderr=log)
+
+    def call(self, host: str, *words: str, **options: Any) -> str:
+        """Run a program to its end; return what it prints. Raises PlaceError if it fails."""
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+        process = self.popen(host, words, **pipes, **options)
+        printed = process.communicate(timeout=SOON_S)[0]
+        if process.returncode:
+            raise PlaceError(f"{host}: {' '.join(words)}: exit {process.returncode}: {printed}")
+        return str(printed)
+
+    def table(
+        self, name: str, protocol: str, agents: Iterable[str], persons: Iterable[str] = ()
+    ) -> Endpoints:
+        """A society whose one host, `here`, has these agents and a port; with keys if it is TLS."""
+        file = self._folder / f"{name}.toml"
+        keys = f'keys = "{name}"\n' if protocol == "tls" else ""
+        names = ", ".join(f'"{agent}"' for agent in agents)
+        port = f'router = "{protocol}/127.0.0.1:{free_port()}"'
+        file.write_text(f"{keys}[here]\n{port}\nagents = [{names}]\n", encoding="utf-8")
+        where = endpoints(f"{self.namespace}-{name}", hosts=file, host="here")
+        if keys:
+            words = [word for each in persons for word in ("--person", each)]
+            words += ["--namespace", where.namespace, *where.words]
+            self.call("here", "armadico", "keys", "init", *words)
+        return where
+
+    def until(self, client: Client, condition: Callable[[], object], what: str) -> None:
+        """Wait for something to be so. Raises PlaceError if it does not come."""
+        end = time.monotonic() + SOON_S
+        while not client.wait_for(condition, 0.1):
+            if time.monotonic() > end:
+                there = ", ".join(sorted(name for name, _ in client.alive))
+                words = [f"not within {SOON_S:.0f} s: {what}; alive: {there}"]
+                for log in self._folder.glob("*.log"):
+                    words += self.last_lines(log.stem, 15)
+                raise PlaceError("\n".join(words))
 
     def last_lines(self, name: str, lines: int = 5) -> list[str]:
         """The last lines of the output under a name."""

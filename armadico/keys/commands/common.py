@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from armadico.keys.issuing import Issuer
 
 HOURS_HELP: Final = "a client's certificate is valid for so many hours (default: %(default)g)"
+AUTHORITY: Final = "authority"
+"""The holder of what is issued on the authority's computer, if that is no host of the table."""
+
 OUT_HELP: Final = (
     "write an archive for another computer, or a folder if the name does not end in .tar (default:"
 )
@@ -97,30 +100,32 @@ def issuer_of(society: Society, hours: float) -> Issuer:
 
 
 def given_out(
-    issuer: Issuer, members: Iterable[Member], file: Path | None, society: Society
+    issuer: Issuer, members: Iterable[Member], holder: str, file: Path | None, society: Society
 ) -> tuple[Member, ...]:
     """Issue identities into an archive or a folder, by default this computer's; say so.
 
-    Raises FailedError if the folder exists.
+    The `holder` is that of the archive; here it is this computer. Raises FailedError if the folder
+    exists.
     """
     from armadico.keys.issuing import archive
 
     table = society.where.table
     known = () if table is None else addresses(table)
     if file is None:
-        given = issuer.give(members, issuer.store, now(), addresses=known)
+        here = society.where.name or AUTHORITY
+        given = issuer.give(members, here, issuer.store, now(), addresses=known)
         print(f"{issuer.store.folder}: {_counted(given)}")
         return given
     if file.suffix != ".tar":
         if file.exists() and any(file.iterdir()):
             raise FailedError(f"{file} is not empty; name another folder, or an archive")
-        given = issuer.give(members, Store(file), now(), addresses=known)
+        given = issuer.give(members, holder, Store(file), now(), addresses=known)
         print(f"{file}: {_counted(given)}")
         return given
     name = issuer.store.folder.name
     with tempfile.TemporaryDirectory(prefix="armadico-keys-") as folder:
         into = Store(Path(folder, name))
-        given = issuer.give(members, into, now(), addresses=known)
+        given = issuer.give(members, holder, into, now(), addresses=known)
         archive(into.folder, name, file)
     print(f"{file}: {_counted(given)}; unpack it beside the host table: tar -xf {file.name}")
     return given

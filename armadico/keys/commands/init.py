@@ -56,7 +56,7 @@ def run(args: Options) -> int:
         members = tuple(member for user in users for member in for_person(namespace, user))
     else:
         members = of_host(table, where.name, namespace, users)
-    given = {member.name for member in given_out(issuer, members, None, args.society)}
+    given = {member.name for member in given_out(issuer, members, "", None, args.society)}
     if before:
         print(
             f"of the {len(before)} keys that existed here, {len(before & given)} were made anew and"

@@ -28,7 +28,9 @@ VERBS: Final = {
     "rights": "print what each identity may do, and why",
     "revoke": "revoke identities",
 }
-"""Each is a module beside this one."""
+"""Each is a module beside this one, but `GIVING` are in one."""
+
+GIVING: Final = ("host", "agent", "person")
 
 
 def main(argv: Sequence[str]) -> int:
@@ -39,6 +41,10 @@ def main(argv: Sequence[str]) -> int:
         raise UsageError(f"name a verb, of {', '.join(VERBS)}; `armadico keys --help` has more")
     if words[0] not in VERBS:
         raise UnknownNameError("verb of `armadico keys`", words[0], VERBS)
+    if words[0] in GIVING:
+        from armadico.keys.commands.give import COMMANDS
+
+        return int(COMMANDS[words[0]](words[1:]))
     verb = import_module(f"armadico.keys.commands.{words[0]}")
     return int(verb.COMMAND(words[1:]))
 

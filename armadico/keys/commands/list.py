@@ -1,4 +1,4 @@
-"""List all identities."""
+"""List all keys."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from typing import Final
 from armadico.cli.options import shown
 from armadico.cli.parsing import Command, flag, group
 from armadico.keys.commands.common import Society, now
-from armadico.keys.store import MEMBERS, Identity, Member, Store
+from armadico.keys.expiry import user_in
+from armadico.keys.store import MEMBERS, Identity, Issue, Member, Store, user_of
 
 EXAMPLES: Final = """\
   armadico keys list
@@ -26,11 +27,11 @@ class Options:
 
 @dataclass(frozen=True)
 class Row:
-    """An identity: until when its certificate here is valid ("" if it is not here)."""
+    """A key: its holders, and until when its certificate is valid if it is here ("" if not)."""
 
     name: str
     kind: str
-    hosts: tuple[str, ...]
+    holders: tuple[str, ...]
     ends: str
     fault: str
     revoked: str
@@ -41,7 +42,7 @@ def run(args: Options) -> int:
     if args.json:
         print(json.dumps([vars(row) for row in rows], indent=2))
         return 0
-    head = ("IDENTITY", "KIND", "HOSTS", "HERE VALID UNTIL", "")
+    head = ("KEY", "KIND", "HELD BY", "HERE VALID UNTIL", "")
     lines = [head, *(_line(row) for row in rows)]
     widths = [max(len(line[column]) for line in lines) for column in range(len(head))]
     for line in lines:
@@ -52,7 +53,7 @@ def run(args: Options) -> int:
 
 def _line(row: Row) -> tuple[str, ...]:
     state = f"revoked {row.revoked[:16]}" if row.revoked else row.fault
-    return (row.name, row.kind, ", ".join(row.hosts), row.ends[:16].replace("T", " "), state)
+    return (row.name, row.kind, ", ".join(row.holders), row.ends[:16].replace("T", " "), state)
 
 
 def _rows(store: Store) -> Iterator[Row]:
@@ -65,11 +66,25 @@ def _rows(store: Store) -> Iterator[Row]:
     listed = store.members() if (store.folder / MEMBERS).exists() else {}
     checks = Checks(store, now())
     for name in sorted(here.keys() | listed.keys()):
-        member = listed.get(name) or Member(name, kind_of(name))
         identity = here.get(name)
+        user = "" if identity is None else _user(identity)
         faults = () if identity is None else (*checks.of(identity), checks.expiring(identity))
         fault = next(filter(None, faults), "")
-        yield Row(name, member.kind, member.hosts, _ends(identity), fault, member.revoked)
+        member = listed.get(name) or Member(name, kind_of(name))
+        known = {user_of(name, issue.number): issue for issue in member.issues}
+        if user and user not in known:  # there is no list here, or it has no such issue
+            known[user] = Issue(0)
+        for each, issue in known.items():
+            mine = identity if each == user else None
+            state = fault if mine is not None else "" if issue.given or not listed else "not made"
+            yield Row(each, member.kind, issue.holders, _ends(mine), state, issue.revoked)
+
+
+def _user(identity: Identity) -> str:
+    try:
+        return user_in(identity.certificate.read_bytes())
+    except (OSError, ValueError):
+        return identity.name
 
 
 def _ends(identity: Identity | None) -> str:
@@ -87,7 +102,8 @@ COMMAND: Final = Command(
     "armadico keys list",
     Options,
     run,
-    "List the identities of this computer, with the time, UTC, until which each certificate is"
-    " valid; on the authority's computer and on the robot's, all identities.",
+    "List the keys of this computer, with the time, UTC, until which each certificate is valid; on"
+    " the authority's computer and on the robot's, all keys, and which computer or archive has"
+    " each. `goto@1` is a second key of goto.",
     EXAMPLES,
 )

@@ -1,27 +1,54 @@
-"""Revoke identities."""
+"""Revoke identities, or what a computer or a person was given."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
 from armadico.cli.options import UsageError
-from armadico.cli.parsing import Command, argument, group
+from armadico.cli.parsing import Command, argument, flag, group
 from armadico.core.errors import UnknownNameError
-from armadico.keys.commands.common import Society, now
-from armadico.keys.store import MEMBERS, Member
+from armadico.keys.commands.common import AUTHORITY, Society, now
+from armadico.keys.store import MEMBERS, Issue, Member
+from armadico.mesh.door import PERSON, ROBOT
 
 EXAMPLES: Final = """\
-  armadico keys revoke person-anna
-  armadico keys revoke goto
-  armadico keys revoke lab2          everything that the computer lab2 was given
+  armadico keys revoke person-anna     anna's key on each computer, and all that her archive holds
+  armadico keys revoke lab2            everything that the computer lab2 was given
+  armadico keys revoke goto            goto's keys on all computers
+  armadico keys revoke goto@1          one of them (`armadico keys list`)
 """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    names: tuple[str, ...] = argument("identities, or hosts", nargs="+", metavar="NAME")
+    names: tuple[str, ...] = argument(
+        "hosts, persons, identities, or single keys", nargs="+", metavar="NAME"
+    )
+    yes: bool = flag("also stop processes on computers that are not named")
     society: Society = group(Society, "the society")
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key that is to be revoked: its user name, its identity and its issue."""
+
+    user: str
+    member: Member
+    issue: Issue
+    alone: bool  # it was named by its number
+
+    @property
+    def last(self) -> str:
+        return self.member.name.rpartition("/")[2]
+
+    @property
+    def losers(self) -> list[str]:
+        """Its holders that have no newer key of the identity."""
+        given = [each for each in self.member.users.values() if each.given]
+        newer = {each.holders for each in given if each is not self.issue}
+        return [each for each in self.issue.holders if (each,) not in newer]
 
 
 def run(args: Options) -> int:
@@ -29,41 +56,72 @@ def run(args: Options) -> int:
 
     issuer = Issuer.of(args.society.store)
     members, namespace = issuer.store.members(), args.society.where.namespace
-    chosen = [m for name in args.names for m in _meant(name, namespace, members)]
-    if any(member.kind == "robot" for member in chosen):
-        # The other computers have no list of who is revoked, so they would go on trusting it.
+    chosen = {key.user: key for n in args.names for key in _meant(n, namespace, members)}
+    if any(key.member.kind == ROBOT for key in chosen.values()):
+        # Without a new authority the other computers would go on trusting it.
         raise UsageError(
             "the robot's key cannot be revoked: if it was stolen, `armadico keys init --anew` makes"
-            " a new authority, and new archives for all computers"
+            " a new authority, and then `armadico keys host` new archives for all computers"
         )
-    revoked = issuer.revoke([member.name for member in chosen], now())
-    for name in revoked:
-        print(f"{name} is revoked")
-    others = sorted({host for member in chosen for host in member.hosts} - {*args.names})
-    file = issuer.store.folder / MEMBERS
-    print(f"the robot refuses them once its computer has this list: {file}")
-    for host in others:
-        print(f"{host} had some of them, too; new ones for it: armadico keys host {host}")
+    others = set[str]()
+    ends: dict[str, list[str]] = {}
+    for key in chosen.values():
+        for holder in key.losers:
+            ends.setdefault(holder, []).append(key.last)
+            if holder not in args.names and key.member.kind != "person" and not key.alone:
+                others.add(holder)
+    for holder, names in sorted(ends.items()):
+        print(f"{holder} loses {', '.join(sorted(names))}; new keys for it: {_anew(holder)}")
+    if others and not args.yes:
+        raise UsageError(
+            f"nothing was revoked: processes on {', '.join(sorted(others))} would end, too. Make"
+            " new keys for them first, if these had the same keys as what is revoked; or add --yes;"
+            " or revoke one key by its number (`armadico keys list`)"
+        )
+    for user in issuer.revoke(chosen, now()):
+        print(f"{user} is revoked")
+    print(f"the robot refuses it once its computer has this list: {issuer.store.folder / MEMBERS}")
+    for key in chosen.values():
+        for holder in {*key.issue.holders} - {*args.names, key.last}:
+            if key.member.kind == "person":
+                print(
+                    f"{key.last} had a key on {holder}, whose other keys stay valid, such as the"
+                    f" page's: `armadico keys revoke {holder}` revokes them, too"
+                )
     return 0
 
 
-def _meant(name: str, namespace: str, members: dict[str, Member]) -> list[Member]:
-    """The identities of a name: an identity's, with or without its namespace, or a host's."""
-    for full in (name, f"{namespace}/{name}"):
-        if full in members:
-            return [members[full]]
-    found = [member for member in members.values() if name in member.hosts]
+def _meant(name: str, namespace: str, members: Mapping[str, Member]) -> list[Key]:
+    """The keys of a name that count: an identity's and its archive's, a host's, or one key."""
+    full, found = {name, f"{namespace}/{name}"}, list[Key]()
+    known = set[str]()
+    for member in members.values():
+        known |= {member.name}
+        for user, issue in member.users.items():
+            known |= {*issue.holders}
+            alone = f"{member.name}@{issue.number}" in full
+            if alone or member.name in full or name.rpartition("/")[2] in issue.holders:
+                found.append(Key(user, member, issue, alone))
     if not found:
-        hosts = {host for member in members.values() for host in member.hosts}
-        raise UnknownNameError("identity or host", name, sorted({*members, *hosts}))
+        raise UnknownNameError("identity or host with keys that count", name, known)
     return found
+
+
+def _anew(holder: str) -> str:
+    """The command that makes new keys for a holder."""
+    if holder == AUTHORITY:
+        return "`armadico keys init`"
+    if holder.startswith(PERSON):
+        return f"`armadico keys person {holder.removeprefix(PERSON)} --out FILE`"
+    return f"`armadico keys host {holder}`"
 
 
 COMMAND: Final = Command(
     "armadico keys revoke",
     Options,
     run,
-    "Revoke identities: their passwords are void, so the robot accepts no new link of theirs, and"
-    " gives none of its rights. `keys host`, `agent` or `person` makes a new key of the same name.",
+    "Revoke keys: the robot accepts no new link with them, closes those that exist, and renews no"
+    " certificate. Each computer and each archive has keys of its own, so the others drive on. It"
+    " prints what ends, and asks for --yes if that is on a computer that is not named.",
     EXAMPLES,
 )

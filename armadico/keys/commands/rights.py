@@ -41,9 +41,17 @@ class Options:
 
 
 def run(args: Options) -> int:
+    from armadico.core.config_errors import ConfigError
     from armadico.keys import derived
 
     store, namespace = args.society.store, args.society.where.namespace
+    listed = store.members_here()
+    if not listed and (args.write or args.json):
+        needs = "--write" if args.write else "--json"
+        raise ConfigError(
+            f"{store.folder} has no list of identities, which {needs} needs: run this on the"
+            " computer that has the authority's key"
+        )
     if args.write:
         table = derived.derive_again(store, namespace)
         print(f"{derived.file_of(store, namespace)}: {len(table.rights)} rights")
@@ -60,7 +68,14 @@ def run(args: Options) -> int:
         print("\n".join(_of_one(table, args.identity)))
     else:
         print("\n".join(_summary(table)))
-    now = derived.derive(store.members().values(), namespace)
+    if not listed:
+        options.report(
+            f"this is the table of {derived.file_of(store, namespace)}, as it was when these keys"
+            " were made: `armadico keys rights` on the computer that has the authority's key"
+            " compares its own with the classes"
+        )
+        return 0
+    now = derived.derive(listed.values(), namespace)
     for line in derived.named(store, namespace, derived.contradictions(table, now)):
         options.report(line)
     return 0

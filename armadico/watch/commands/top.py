@@ -214,6 +214,7 @@ def _heading(snapshot: Section) -> str:
     if (mission := snapshot["mission"]) is not None:
         waits = mission["state"] == MissionState.DRIVING and snapshot["standing"]["stands"]
         state = "its goal waits" if waits else mission["state"]
+        state = "no goal" if state == MissionState.NONE else state
         words += filter(None, (state, mission["note"], mission["late"]))
     words += filter(None, [snapshot["tasks"]])
     return ", ".join([*words, *filter(None, [robot["line"]])])

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
-from collections.abc import Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from functools import cache
 from http import HTTPStatus
 from importlib.resources import files
@@ -21,11 +21,15 @@ from websockets.asyncio.server import Server as Listening
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
+from websockets.frames import CloseCode
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
+from armadico.mesh.sources import Ration, Rations, source_of
 from armadico.observe.page_requests import LONGEST
-from armadico.watch.page.guard import PROTOCOL, Guard, Refusal, bearer, token_in
+from armadico.watch.page.entrance import entrance
+from armadico.watch.page.guard import PROTOCOL, Guard, Refusal, bearer, is_loopback, token_in
+from armadico.watch.page.places import Places
 from armadico.watch.page.session import Session
 
 T = TypeVar("T")
@@ -36,13 +40,26 @@ ALLOWED: Final = "/allowed"  # checks a token: browsers do not report why a WebS
 MOST: Final = 16  # browsers at once
 ANSWERS: Final = 256  # answers that may wait for a browser; beyond them it is disconnected
 
-# Connections at once, including those without a request yet. Thousands of them would leave the
-# process no file descriptors.
-SOCKETS: Final = 64
+# Connections at once that are no browsers': without a request yet, with the request of a file, or
+# closing. Thousands of them would leave the process no file descriptors.
+WAITING: Final = 256
+ACCEPTED: Final = 32  # connections that are accepted before others are served
 
-OPEN_S: Final = 5.0  # timeout of a connection's request
+# What one source may open at once, and then per second. A page takes ten connections.
+CONNECTIONS: Final = 200.0
+CONNECTIONS_HZ: Final = 20.0  # from another computer
+LOOKERS: Final = 2.0 * MOST
+LOOKERS_HZ: Final = 4.0  # browsers without the token
+STRANGERS_HZ: Final = 8.0  # of these, all from other computers together
+REQUESTS: Final = 16.0
+REQUESTS_HZ: Final = 4.0  # of one of these; more wait
+
+OPEN_S: Final = 3.0  # timeout of a connection's request
 CLOSE_S: Final = 1.0  # timeout of closing handshakes at the end
+LAST_S: Final = 1.0  # for the last requests of a browser without a place, which may be a stop
 PING_S: Final = 5.0  # interval and timeout of pings, to detect phones that are out of reach
+
+FULL: Final = f"{MOST} browsers are connected: the newest have the places"
 
 TYPES: Final = {
     ".html": "text/html; charset=utf-8",
@@ -102,6 +119,12 @@ class Server:
         self._numbers = count(1)
         self._own = token_hex(3)
         self._sockets: set[asyncio.Transport] = set()
+        self._waiting = Places[asyncio.Transport](WAITING)
+        self._seats = Places[str](MOST)
+        self._connections = Rations(CONNECTIONS_HZ, CONNECTIONS)
+        self._lookers = Rations(LOOKERS_HZ, LOOKERS)
+        self._strangers = Rations(STRANGERS_HZ, LOOKERS)
+        self._closing: set[asyncio.Task[None]] = set()
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
@@ -153,8 +176,8 @@ class Server:
     async def _listen(self, address: str, port: int) -> Listening:
         return await serve(
             self._serve,
-            address,
-            port,
+            sock=entrance(address, port, self._admits),
+            backlog=ACCEPTED,
             process_request=self._check,
             select_subprotocol=_subprotocol,
             compression=None,  # it costs time and saves little for small messages
@@ -164,7 +187,7 @@ class Server:
             ping_timeout=PING_S,
             open_timeout=OPEN_S,
             close_timeout=CLOSE_S,
-            create_connection=_counted(self._sockets),
+            create_connection=_told(self._arrived, self._gone),
             server_header=None,
             logger=logger,
         )
@@ -178,9 +201,10 @@ class Server:
         refusal = self._guard.refusal(_one(headers, "Host"), _one(headers, "Origin"))
         path = request.path.partition("?")[0]
         if refusal is None and path in (SOCKET, ALLOWED):
-            refusal = self._guard.admit(_token(headers))
-            if refusal is None and path == SOCKET and len(self._browsers) >= MOST:
-                refusal = Refusal(503, f"{MOST} browsers are connected already")
+            token, source = _token(headers), _source(connection.transport)
+            refusal = self._guard.admit(token)
+            if refusal is None and path == SOCKET and not self._guard.may(token):
+                refusal = self._rationed(source)
         if refusal is not None:
             return _response(connection, refusal.status, refusal.why.encode(), "text/plain")
         if path == SOCKET:
@@ -193,24 +217,84 @@ class Server:
         data, kind = found
         return _response(connection, 200, data, kind)
 
+    def _rationed(self, source: str) -> Refusal | None:
+        """Why a browser without the token is refused; None while few open."""
+        now = self._loop.time()
+        if not self._lookers.take(source, now):
+            return Refusal(503, f"too many browsers connect from {source}: try again in a second")
+        if not (is_loopback(source) or self._strangers.take("", now)):
+            return Refusal(
+                503, "too many browsers connect without the token: try again in a second"
+            )
+        return None
+
     async def _serve(self, connection: ServerConnection) -> None:
         peer = connection.remote_address
+        address = str(peer[0]) if peer else "nowhere"
         # Unique across pages and restarts, so that no browser takes over another one's stick.
-        name = f"page-{next(self._numbers)}-{self._own} at {peer[0] if peer else 'nowhere'}"
-        browser = self._browsers[name] = _Browser(connection)
-        writing = asyncio.create_task(self._write(browser))
+        name = f"page-{next(self._numbers)}-{self._own} at {address}"
         assert connection.request is not None, "its handshake is over"
         may = self._guard.may(_token(connection.request.headers))
+        browser = self._browsers[name] = _Browser(connection)
+        writing = asyncio.create_task(self._write(browser))
+        self._waiting.leave(connection.transport)
+        displaced = self._seats.enter(name, _source(connection.transport), _rank(address, may=may))
+        if displaced is not None:
+            self._dismiss(self._browsers[displaced])
         self._session.on_connect(name, may=may)
+        ration = Ration(REQUESTS_HZ, REQUESTS, self._loop.time())
         try:
             async for data in connection:
                 self._session.on_message(name, data)
+                if not may:
+                    await self._wait(ration)
         except ConnectionClosed:
             pass
         finally:
             del self._browsers[name]
+            self._seats.leave(name)
             self._session.on_disconnect(name)
             writing.cancel()
+
+    async def _wait(self, ration: Ration) -> None:
+        """Wait until one of a ration is left, and take it."""
+        ration.refill(self._loop.time())
+        if (wait := ration.until_one()) > 0.0:
+            await asyncio.sleep(wait)
+            ration.refill(self._loop.time())
+        ration.left -= 1.0
+
+    def _dismiss(self, browser: _Browser) -> None:
+        """End a browser whose place another one has: it is shown nothing more, and closed soon."""
+        browser.ready = False
+        self._admit(browser.connection.transport)
+
+        async def close() -> None:
+            await asyncio.sleep(LAST_S)
+            await browser.connection.close(CloseCode.TRY_AGAIN_LATER, FULL)
+
+        closing = asyncio.create_task(close())
+        self._closing.add(closing)
+        closing.add_done_callback(self._closing.discard)
+
+    def _admits(self, address: str) -> bool:
+        """Whether one more connection from an address is served now."""
+        source = source_of(address)
+        return is_loopback(source) or self._connections.take(source, self._loop.time())
+
+    def _arrived(self, transport: asyncio.Transport) -> None:
+        self._sockets.add(transport)
+        self._admit(transport)
+
+    def _admit(self, transport: asyncio.Transport) -> None:
+        """Let a connection wait; the one that has to leave for it is closed."""
+        displaced = self._waiting.enter(transport, _source(transport))
+        if displaced is not None:
+            displaced.abort()
+
+    def _gone(self, transport: asyncio.Transport) -> None:
+        self._sockets.discard(transport)
+        self._waiting.leave(transport)
 
     async def _write(self, browser: _Browser) -> None:
         """Send all answers and the newest data to show; a slow browser skips older data."""
@@ -244,7 +328,9 @@ class Server:
         await asyncio.wait([closing], timeout=CLOSE_S)
         for each in self._sockets:  # a connection without a request would last OPEN_S
             each.abort()
-        await closing
+        for task in self._closing:
+            task.cancel()
+        await asyncio.gather(closing, *self._closing, return_exceptions=True)
 
     def _run(self, call: Coroutine[None, None, T]) -> T:
         return asyncio.run_coroutine_threadsafe(call, self._loop).result()
@@ -255,21 +341,32 @@ class Server:
         self._loop.close()
 
 
-def _counted(sockets: set[asyncio.Transport]) -> type[ServerConnection]:
-    """A class of connections that are in a set while open, and at most `SOCKETS`."""
+def _told(
+    arrived: Callable[[asyncio.Transport], None], gone: Callable[[asyncio.Transport], None]
+) -> type[ServerConnection]:
+    """A class of connections that call one function when they open, the other when they close."""
 
-    class Counted(ServerConnection):
+    class Told(ServerConnection):
         def connection_made(self, transport: asyncio.BaseTransport) -> None:
             super().connection_made(transport)
-            sockets.add(self.transport)
-            if len(sockets) > SOCKETS:
-                self.transport.abort()
+            arrived(self.transport)
 
         def connection_lost(self, exc: Exception | None) -> None:
-            sockets.discard(self.transport)
+            gone(self.transport)
             super().connection_lost(exc)
 
-    return Counted
+    return Told
+
+
+def _source(transport: asyncio.Transport) -> str:
+    """Where a connection comes from; one that is closed already comes from nowhere."""
+    peer = transport.get_extra_info("peername")
+    return source_of(str(peer[0])) if peer else ""
+
+
+def _rank(address: str, *, may: bool) -> int:
+    """Who keeps its place: first a browser with the token, then one on this computer."""
+    return 2 if may else int(is_loopback(address))
 
 
 def _subprotocol(

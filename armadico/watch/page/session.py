@@ -63,7 +63,7 @@ class Session:
         self._spawn = spawn
         self._reader = reader()
         self._inbox = Inbox(meshes[0])
-        self._looking: set[str] = set()  # browsers without the token
+        self._driving: set[str] = set()  # browsers that may drive
         self._shown: dict[str, dict[tuple[str, str], bytes]] = {}
         self._show_at = self._query_at = self._tuned_at = self._tick_at = self._time.now()
         for namespace, mesh in self._meshes.items():
@@ -114,8 +114,8 @@ class Session:
     def _connected(self, browser: str, may: bool) -> None:
         """Send the data that do not change, and the path driven so far."""
         self._shown[browser] = {}
-        if not may:
-            self._looking.add(browser)
+        if may:
+            self._driving.add(browser)
         self._tuned_at = self._time.now()
         still = {ns: robot.fixed | {"trail": robot.trail} for ns, robot in self.robots.items()}
         hello = {"type": "hello", "you": browser, "may": may, "robots": still}
@@ -124,7 +124,7 @@ class Session:
 
     def _disconnected(self, browser: str) -> None:
         self._shown.pop(browser, None)
-        self._looking.discard(browser)
+        self._driving.discard(browser)
         for robot in self.robots.values():
             robot.leave(browser)
 
@@ -134,7 +134,7 @@ class Session:
         try:
             request = self._reader.read(data)
             number = request.id
-            if browser in self._looking and not request.free:
+            if browser not in self._driving and not request.free:
                 raise RequestError(LOOKING)
             self._robot(request).request(browser, request, self._time.now())
         except RequestError as error:

@@ -379,6 +379,22 @@ def test_an_owner_that_starts_anew_is_obeyed_though_all_have_counted_far() -> No
     assert society.obeyed_names(since=society.mesh.now - 0.5)
 
 
+def test_claims_that_rise_by_leaps_use_up_no_terms_and_exclude_no_contender() -> None:
+    society = Society(bidder("a", 0.9), bidder("b", 0.5))
+    society.run(1.0)
+    for leaps in range(1, 200):
+        cycle = society.owner.cycles.newest
+        assert cycle is not None
+        forged = Ballot(leaps * JUMP, 1.0, True, "forger-1")
+        society.mesh.publish(Claim("wheels", forged, cycle, 1.0), key="resource/wheels/utility")
+        society.run(0.02)
+    largest = society.owner.owner(WHEELS).largest
+    assert largest is not None
+    assert largest.term < 2 * JUMP
+    society.run(2.0)
+    assert set(society.obeyed_names(since=society.mesh.now - 0.5)) == {"a"}
+
+
 @pytest.mark.parametrize("other", [0.5, 0.95])
 def test_a_tenure_of_a_false_cycle_is_released_and_a_contender_is_obeyed(
     other: float,

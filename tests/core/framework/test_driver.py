@@ -10,7 +10,18 @@ from msgspec.structs import replace
 from armadico.core.agent import Agent, Identity, Question
 from armadico.core.driver import OPEN_QUERIES, SLOW_S, Driver, Reply, SendQuery
 from armadico.core.membership import Stage
-from armadico.core.messages import OLDEST, PROTOCOL, Card, Log, Message, Repeat, Stop, encode
+from armadico.core.messages import (
+    OLDEST,
+    PROTOCOL,
+    Card,
+    Cycle,
+    Log,
+    Message,
+    Repeat,
+    RobotState,
+    Stop,
+    encode,
+)
 from armadico.core.outgoing import Answer, Publish
 from armadico.mobile.messages import Plan, PlanRequest, Trajectory, Waypoint
 
@@ -71,6 +82,18 @@ def test_what_is_latched_is_remembered_however_far_it_has_come(stage: Stage) -> 
     deliver(driver, MISSION, now, "trajectory/interface-1")
     assert agent.memory.newest(Stop) == STOP
     assert agent.memory.newest(Trajectory) == MISSION
+
+
+def test_a_dated_stop_waits_for_the_first_state_of_the_robot_and_accuses_nobody() -> None:
+    agent, driver, now = begun()
+    deliver(driver, replace(STOP, epoch=9), now, "robot/stop/page-1")
+    assert agent.memory.newest(Stop) is None, "it may be an old recording's"
+    assert not logged(driver)
+    state = RobotState(Cycle(9, 1), 0, 0, 0, 0, 0, 12, True, False, STOP)
+    deliver(driver, state, now)
+    assert agent.memory.newest(Stop) == STOP
+    deliver(driver, replace(STOP, epoch=8), now, "robot/stop/page-1")
+    assert logged(driver)
 
 
 def test_a_refused_agent_stores_nothing() -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from armadico.core.coordination import Owner, Verdict
+from armadico.core.coordination import LEAP_CYCLES, STEP, Owner, Verdict
 from armadico.core.cycles import PERIOD, CycleClock
 from armadico.core.messages import JUMP, Ack, Ballot, Claim, Command, Cycle
 from armadico.core.resources import WHEELS
@@ -101,6 +101,22 @@ def test_a_term_may_be_a_jump_ahead_and_no_more(first: bool) -> None:
     assert owner.judge(huge, NOW) is Verdict.IMPLAUSIBLE
     assert owner.largest == (None if first else ballot())
     assert owner.judge(command(of=ballot(known + JUMP)), NOW) is Verdict.OBEYED
+
+
+def test_terms_leap_once_in_so_many_cycles_and_rise_by_steps_meanwhile(owner: Owner) -> None:
+    at, now = AT, NOW
+    owner.on_claim(claim(of=ballot(JUMP)))
+    assert owner.largest == ballot(JUMP)
+    for _ in range(LEAP_CYCLES - 1):
+        at, now = at + 1, now + PERIOD
+        owner.clock.advance(Cycle(1, at), now)
+        owner.on_claim(claim(at, ballot(2 * JUMP)))
+        assert owner.judge(command(at, ballot(JUMP + STEP + 1)), now) is Verdict.IMPLAUSIBLE
+    assert owner.largest == ballot(JUMP)
+    assert owner.judge(command(at, ballot(JUMP + STEP)), now) is Verdict.OBEYED
+    owner.clock.advance(Cycle(1, at + 1), now + PERIOD)
+    owner.on_claim(claim(at + 1, ballot(2 * JUMP)))
+    assert owner.largest == ballot(2 * JUMP)
 
 
 def test_a_claim_of_an_old_cycle_teaches_nothing(owner: Owner) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
 import signal
@@ -20,15 +21,19 @@ from armadico.mesh.sockets import (
     LONGEST,
     RUNTIME_VARIABLE,
     clear,
+    elsewhere,
     endpoint,
     folder,
     guard_of,
     holder,
     identity,
+    lock_of,
     peer_sockets,
     peers_here,
+    robots_here,
     share_of,
     socket_of,
+    starting,
     stop,
 )
 from armadico.mesh.topology import MeshError, TopologyError, topology
@@ -123,6 +128,69 @@ def test_beside_temporary_files_another_user_can_be_first_and_it_costs_nothing(
     monkeypatch.setattr(Path, "home", none)
     with pytest.raises(TopologyError, match=f"another user; set {RUNTIME_VARIABLE}"):
         folder()
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[Path]:
+    """Lock a file of a running router or share."""
+    with path.open("a") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield path
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder to another user")
+def test_the_folder_that_a_process_uses_counts_when_another_users_folder_goes(
+    without_runtime_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(without_runtime_folder))
+    taken = folder()
+    os.chown(taken, 65534, 65534)
+    home = folder()
+    with locked(lock_of(socket_of("robot1"))):
+        taken.rmdir()
+        assert folder() == home
+    assert folder() == taken
+
+
+@pytest.mark.parametrize("deleted", [False, True])
+def test_a_robot_that_runs_with_another_runtime_folder_is_found(
+    base: Path, monkeypatch: pytest.MonkeyPatch, deleted: bool
+) -> None:
+    other = Path(fresh_folder())
+    here = folder()
+    monkeypatch.setenv(RUNTIME_VARIABLE, str(other))
+    with locked(lock_of(socket_of("lab/r1"))), locked(share_of("r2", "desk")):
+        assert (elsewhere("lab/r1"), elsewhere("r2")) == ({}, {})
+        if deleted:
+            shutil.rmtree(other)
+        monkeypatch.setenv(RUNTIME_VARIABLE, str(base))
+        assert folder() == here
+        assert elsewhere("lab/r1") == {other / "armadico": os.getpid()}
+        assert elsewhere("r2") == {other / "armadico": os.getpid()}
+        assert elsewhere("r1") == {}
+
+
+def test_a_society_is_starting_while_its_share_is_young_and_runs(base: Path) -> None:
+    path = share_of("robot1", "desk")
+    path.touch()
+    assert not starting("robot1", 1e6)
+    with locked(path):
+        assert starting("robot1", 1e6)
+        assert not starting("robot2", 1e6)
+        os.utime(path, (0, 0))
+        assert not starting("robot1", 1e6)
+
+
+def test_the_robots_of_this_computer_are_those_that_run(base: Path) -> None:
+    lock_of(socket_of("ended")).touch()
+    with (
+        locked(lock_of(socket_of("lab/r1"))),
+        locked(share_of("lab/r1", "desk")),
+        locked(share_of("r_2", "desk")),
+        locked(lock_of(socket_of(NAMES[0]))),
+    ):
+        found = robots_here()
+    assert {"lab/r1", "r_2"} <= {*found} <= {"lab/r1", "r_2", NAMES[0]}
 
 
 @pytest.mark.live

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from armadico.core.hands import Hand
 from armadico.core.latched import Memory
 from armadico.core.messages import JUMP, LARGEST_COUNT, Cycle, RobotState, Stop, checked
-from armadico.launch.latch import BLIND, HELD_S, SILENT_S, Latching
+from armadico.launch.latch import BLIND, HELD_S, LOST, SILENT_S, Latching
 
 BY = "armadico stop"
 PRESS = 77
@@ -90,6 +90,17 @@ def test_a_stop_is_published_soon_without_a_state_and_until_it_is_done() -> None
     assert replace(robot.published[-1], epoch=0) == robot.stop, (
         "once latched it is the same stop, and no new one"
     )
+
+
+def test_a_stop_counts_for_a_restarted_robot_agent_that_has_no_states_yet() -> None:
+    robot = Robot()
+    robot.state()
+    epochs = [message.epoch for _ in range(LOST + 2) if (message := robot.press.message())]
+    assert epochs == [1] * LOST + [0, 0]
+    robot.state()
+    message = robot.press.message()
+    assert message is not None
+    assert message.epoch == 1
 
 
 def test_stopped_is_what_the_robot_agent_goes_on_saying_for_a_second() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from armadico_tools.attacks import running
 from armadico_tools.attacks.attempts import ATTEMPTS, Known
 from armadico_tools.attacks.peer import Peer
 from armadico_tools.attacks.running import Outcome, linked
-from armadico_tools.attacks.strangers import member, revoked, strangers
+from armadico_tools.attacks.strangers import member, strangers
 from armadico_tools.attacks.victim import Drive, Victim
 from armadico_tools.commands import attacks
 from tests.runtime_folder import fresh_folder
@@ -31,6 +32,13 @@ def test_list_names_every_attack(capsys: pytest.CaptureFixture[str]) -> None:
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(ATTEMPTS)
 
 
+def test_the_page_has_a_row_for_each_attack() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "security.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `([\w-]+)` \| (.*?) \|", page, re.MULTILINE)
+    attempts = [(attempt.name, attempt.text) for attempt in ATTEMPTS.values()]
+    assert rows[: len(attempts)] == attempts
+
+
 @pytest.mark.parametrize(
     ("words", "why"),
     [
@@ -39,6 +47,8 @@ def test_list_names_every_attack(capsys: pytest.CaptureFixture[str]) -> None:
         (["--links"], "--links needs --keys"),
         (["--floods"], "--floods needs --keys"),
         (["--seconds", "0"], "at least 1"),
+        (["--keys", "--soak", "0"], "at least 1"),
+        (["--keys", "--soak", "1", "--certificates", "35"], "at least 36"),
     ],
 )
 def test_wrong_words_are_refused(words: list[str], why: str) -> None:
@@ -100,13 +110,12 @@ def test_with_keys_no_stranger_gets_a_link_and_a_member_does_until_it_is_revoked
     closed: Victim,
 ) -> None:
     goto = member(closed, "goto")
-    assert linked(closed, goto.endpoint, goto.settings)
-    got = [who.name for who in strangers(closed) if linked(closed, who.endpoint, who.settings)]
-    assert not got
+    assert linked(closed, goto)
+    assert not [who.name for who in strangers(closed) if linked(closed, who)]
     with Peer(closed.namespace, goto.endpoint, goto.settings) as peer:
-        revoked(closed, "goto")
+        closed.call("", "armadico", "keys", "revoke", "goto", *closed.joining(""))
         assert closed.viewer.wait_for(lambda: not peer.is_linked, 40.0)
-    assert not linked(closed, goto.endpoint, goto.settings)
+    assert not linked(closed, goto)
 
 
 @pytest.mark.live

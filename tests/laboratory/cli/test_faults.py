@@ -7,6 +7,7 @@ import json
 import shlex
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from msgspec.structs import replace
@@ -42,6 +43,7 @@ def test_list_names_every_kind_and_promise(capsys: pytest.CaptureFixture[str]) -
         (["--repeat", CALM, "--seeds", "3"], "--seeds is not used"),
         (["--repeat", CALM, "--scenario", "sc1"], "--scenario is not used"),
         (["--variant", "peple"], "people"),
+        (["--once"], "--planted"),
         (["--live", "--robot", "jackal"], "--robot is only for runs without --live"),
     ],
 )
@@ -76,6 +78,8 @@ def test_seeds_are_counted_with_the_commit_and_the_next_call_goes_on(
     assert set(said["violations"]) == {promise.name for promise in Promise}
     assert faults.main([*arguments, "--kind", "hang"]) == 0
     assert "4 seeds on this commit, 0 broke a promise" in capsys.readouterr().out
+    assert faults.main([*arguments, "--first", "0", "--json"]) == 0  # by the outcomes that are kept
+    assert json.loads(capsys.readouterr().out) == said
     with (tmp_path / series.SEEDS).open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [row["seed"] for row in rows] == ["0", "1", "2", "3"]
@@ -96,7 +100,7 @@ def test_one_case_is_repeated_from_text_or_file(
 def breaks_if_it_hangs(run: Callable[[Case], Outcome]) -> Callable[..., Outcome]:
     """As if every hang broke a promise."""
 
-    def ran(case: Case, until: Promise | None = None) -> Outcome:
+    def ran(case: Case, *_: object) -> Outcome:
         outcome = run(replace(case, lasts=min(case.lasts, 1.0), faults=()))
         found = [("MOVES", f.at + 0.1, "it stands") for f in case.faults if f.kind == "hang"]
         return replace(outcome, case=case, violations=tuple(found))
@@ -204,3 +208,21 @@ def test_planted_defects_are_kept_and_not_run_again(
     faults.main([*words, "--seeds", "2"])
     assert json.loads(capsys.readouterr().out) == first
     assert [(task.seed, task.planted) for task in left] == [(2, ""), (2, "stands")]
+
+
+def test_a_defect_that_was_found_is_left_out_of_further_seeds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run: list[tuple[int, str]] = []
+
+    def over(_run: object, tasks: list[series.Task], _jobs: int, _label: str, done: Any) -> bool:
+        for task in tasks:
+            run.append((task.seed, task.planted))
+            broken = (("ARRIVES", 9.0, "late"),) if task.seed == 2 and task.planted else ()
+            done(task, Outcome(Case(task.seed, "sc1", 12.0, ()), {}, broken))
+        return True
+
+    monkeypatch.setattr(series, "over", over)
+    words = ["--planted", "stands", "--once", "--first", "1", "--seeds", "9", "--out"]
+    assert faults.main([*words, str(tmp_path)]) == 0
+    assert run == [(1, ""), (1, "stands"), (2, ""), (2, "stands")]

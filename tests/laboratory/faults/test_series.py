@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections import Counter
 
 import pytest
+from msgspec.structs import replace
 
+from armadico_tools.faults.excuses import Strict
 from armadico_tools.faults.fault_types import KINDS
-from armadico_tools.faults.plan import Outcome
+from armadico_tools.faults.plan import Case, Fault, Outcome
 from armadico_tools.faults.series import CAMPAIGN, CAMPAIGN_S, Summary, Task, missing
 from armadico_tools.faults.sightings import Sight
 from armadico_tools.faults.variants import VARIANTS, case_of
+from armadico_tools.faults.workload import run
 from tests.once import Once
 
 SEEDS, SECONDS = (0, 2, 20, 45, 338, 393, 488, 685, 878, 882), 30.0
@@ -49,6 +52,22 @@ def test_a_case_is_the_same_run_again(once: Once) -> None:
     found = outcome(once, first)  # whichever process it was run in
     assert Task(first, SECONDS).run() == found
     assert outcome(once, second) != found
+
+
+def test_a_stop_is_an_excuse_that_is_needed_and_looking_for_it_changes_no_run() -> None:
+    stopped = Case(1, "sc4", 24.0, (Fault("stop", 4.0, 20.0, ("robot",)),), sensors="ideal")
+    found = run(stopped, checker=Strict)
+    assert found.violations == ()
+    assert found.needed["STOPPED"] == ("STANDS",)
+    assert replace(found, needed={}) == run(stopped)
+
+
+def test_a_planted_defect_ends_its_run_once_it_is_found() -> None:
+    found = Task(830_001, 8.0, planted="slow-brake", calm=True).run()
+    whole = run(replace(case_of(830_001, 8.0), planted="slow-brake", faults=()))
+    assert found.violations[0] == whole.violations[0]
+    assert len({at for _, at, _ in found.violations}) == 1
+    assert found.driven_m < whole.driven_m
 
 
 @pytest.mark.long

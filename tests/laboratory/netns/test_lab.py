@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from armadico.mesh.door import VIEWER
 from armadico_tools.attacks.lab import DESK, FLOODS, LAB, ROBOT, Lab, Obeyed, flooding, killed
 
 pytestmark = [pytest.mark.live, pytest.mark.long]
@@ -27,7 +28,7 @@ def test_three_computers_with_keys_drive_and_heal_while_a_stranger_floods_the_po
     for host in (ROBOT, LAB):
         lab.up(host)
     lab.wait_for_keys()
-    with lab.viewer() as client:
+    with lab.client(VIEWER) as client:
         drive = Obeyed(client)
         names = {"robot", "encoder", "goto", "avoid", "interface"}
         lab.until(client, lambda: {n for n, _ in client.alive} >= names, "the society")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from functools import partial
 from itertools import product
 from math import degrees, hypot
@@ -13,6 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from websockets.sync.client import connect
+from websockets.typing import Subprotocol
 
 from armadico.config.grid_map import Cells
 from armadico.config.grid_map import message_of as grid_message
@@ -20,8 +23,8 @@ from armadico.config.map_graphs import message_of as graph_message
 from armadico.core import messages as m
 from armadico.mesh.ports import LOOPBACK
 from armadico.mobile.messages import MapGraph
-from armadico.watch.page.guard import Guard
-from armadico.watch.page.server import Server
+from armadico.watch.page.guard import PROTOCOL, Guard, subprotocol
+from armadico.watch.page.server import MOST, Server
 from armadico.watch.page.session import TURN_S
 from armadico.watch.teleop.messages import Stick
 from armadico.watch.teleop.teleop import Teleop
@@ -329,6 +332,22 @@ def test_the_page_requires_the_right_token(chromium: Browser) -> None:
         chromium.until(f"{PARTS}.motion.x !== undefined")
         assert chromium.evaluate("location.hash") == ""
     chromium.evaluate("sessionStorage.clear()")
+    chromium.open("about:blank")
+
+
+@pytest.mark.long
+def test_a_browser_that_lost_its_place_says_so_and_stops_the_robot(chromium: Browser) -> None:
+    chromium.size(*SIZE)
+    with served(Served("sc4"), Guard.of("0.0.0.0", TOKEN)) as stage, ExitStack() as stack:
+        open_page(chromium, stage.address)
+        address = stage.address.replace("http", "ws") + "socket"
+        for _ in range(MOST):
+            offered = [Subprotocol(each) for each in (PROTOCOL, subprotocol(TOKEN))]
+            stack.enter_context(connect(address, subprotocols=offered))
+        chromium.until("document.getElementById('link').innerText === 'refused'")
+        chromium.until("document.getElementById('remarks').innerText.includes('16 browsers')")
+        chromium.key(" ", "Space")
+        until(lambda: stage.robot.view.stop.stopped, chromium)
     chromium.open("about:blank")
 
 

@@ -9,17 +9,19 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
+from functools import partial
 from typing import Any
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.frames import CloseCode
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
 
 from armadico.mesh.ports import LOOPBACK
 from armadico.watch.page import server
 from armadico.watch.page.guard import PROTOCOL, Guard, subprotocol
-from armadico.watch.page.server import MOST, SOCKETS, Server, ServerError, web_files
+from armadico.watch.page.server import CONNECTIONS, MOST, WAITING, Server, ServerError, web_files
 
 SOON = 20.0
 TOKEN = "0123456789abcdef0123"
@@ -174,13 +176,65 @@ def test_a_page_of_another_server_is_refused_even_with_the_token(locked: Place) 
     assert refused.value.response.status_code == 403
 
 
-def test_the_number_of_browsers_is_limited(place: Place) -> None:
+def _hello(opened: ClientConnection) -> str:
+    return str(json.loads(opened.recv(SOON))["type"])
+
+
+def _opens(place: Place, *protocols: str, **more: Any) -> bool:
+    """Whether a browser gets in; it is refused because its source opens too many otherwise."""
+    try:
+        return _hello(place.open(None, *protocols, **more)) == "hello"
+    except InvalidStatus as refused:
+        assert refused.response.status_code == 503  # noqa: PT017
+        return False
+
+
+def _dismissed(opened: ClientConnection) -> bool:
+    """Whether the server has closed a connection because another one has its place."""
+    with suppress(ConnectionClosed):
+        while True:
+            opened.recv(SOON)
+    return opened.close_code == CloseCode.TRY_AGAIN_LATER
+
+
+def test_the_newest_browser_gets_the_place_of_the_oldest(place: Place) -> None:
     opened = [place.open() for _ in range(MOST)]
-    for each in opened:
-        each.recv(SOON)
-    with pytest.raises(InvalidStatus) as refused:
-        place.open()
-    assert refused.value.response.status_code == 503
+    assert {_hello(each) for each in opened} == {"hello"}
+    assert _hello(place.open()) == "hello"
+    assert _dismissed(opened[0])
+    opened[1].send("{}")
+    assert json.loads(opened[1].recv(SOON))["type"] == "answer"
+
+
+def test_browsers_without_the_token_take_no_place_of_one_that_has_it(locked: Place) -> None:
+    strangers = [locked.open() for _ in range(MOST)]
+    assert {_hello(each) for each in strangers} == {"hello"}
+    holder = locked.open(None, subprotocol(TOKEN))
+    assert _hello(holder) == "hello"
+    assert _hello(locked.open()) == "hello"
+    holder.send("{}")
+    assert json.loads(holder.recv(SOON))["type"] == "answer"
+
+
+def test_a_source_that_opens_many_browsers_without_the_token_is_refused_alone(
+    locked: Place,
+) -> None:
+    opens = partial(_opens, locked)
+    assert False in iter(opens, None)
+    assert opens(subprotocol(TOKEN))
+    assert opens(source_address=("127.0.0.2", 0))
+
+
+def test_a_browser_without_a_place_gets_a_stop_through_and_is_told_why(locked: Place) -> None:
+    for _ in range(MOST):
+        assert _hello(locked.open(None, subprotocol(TOKEN))) == "hello"
+    stranger = locked.open()
+    assert _hello(stranger) == "hello"
+    stranger.send('{"do":"stop"}')
+    assert json.loads(stranger.recv(SOON))["type"] == "answer"
+    assert _dismissed(stranger)
+    assert str(MOST) in str(stranger.close_reason)
+    assert locked.desk.received == ['{"do":"stop"}']
 
 
 # Messages -----------------------------------------------------------------------------------------
@@ -225,16 +279,34 @@ def _strangers(place: Place, stack: ExitStack, count: int) -> list[socket.socket
     return [stack.enter_context(socket.create_connection(where, SOON)) for _ in range(count)]
 
 
-def test_the_number_of_connections_without_a_request_is_limited(
-    place: Place, stack: ExitStack
-) -> None:
+def test_connections_without_a_request_keep_nobody_out(place: Place, stack: ExitStack) -> None:
     opened = place.open()
     opened.recv(SOON)
-    last = _strangers(place, stack, SOCKETS + 20)[-1]
+    first, *_ = _strangers(place, stack, WAITING + 20)
+    assert _hello(place.open()) == "hello"
     with suppress(ConnectionError):
-        assert last.recv(1) == b""  # closed immediately
+        assert first.recv(1) == b""  # closed for a newer one
     opened.send("{}")
     assert json.loads(opened.recv(SOON))["type"] == "answer"
+
+
+def _answers(place: Place) -> bool:
+    """Whether a request for a file is answered; its connection is closed at once otherwise."""
+    where = (LOOPBACK, place.server.port)
+    with suppress(ConnectionError), socket.create_connection(where, SOON) as raw:
+        raw.sendall(f"GET /icon.svg HTTP/1.1\r\nHost: {place.name}\r\n\r\n".encode())
+        return raw.recv(4) == b"HTTP"
+    return False
+
+
+def test_a_source_that_opens_too_many_connections_is_refused_alone(
+    place: Place, stack: ExitStack, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "is_loopback", lambda _: False)  # as from another computer
+    assert _answers(place)
+    _strangers(place, stack, int(CONNECTIONS))
+    assert False in iter(partial(_answers, place), None)
+    assert _hello(place.open(source_address=("127.0.0.2", 0))) == "hello"
 
 
 def test_connections_without_a_request_do_not_delay_the_end(

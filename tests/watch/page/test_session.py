@@ -14,6 +14,7 @@ from armadico.config.hosts import Host, HostTable
 from armadico.config.map_graphs import message_of as graph_message
 from armadico.config.scenarios import load_scenario
 from armadico.core import messages as m
+from armadico.core.mailbox import EVENTS
 from armadico.launch.latch import REST_M_S, REST_RAD_S
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
@@ -132,6 +133,14 @@ def test_it_stays_stopped_when_another_browser_sets_a_goal(stage: Stage) -> None
     stage.run_for(5.0)
     assert stage.parts["stop"]["held"]
     assert off(stage, *there) < 0.01
+
+
+def test_a_flood_of_requests_does_not_make_a_browser_one_that_may_drive(stage: Stage) -> None:
+    stage.session.on_connect("looker", may=False)
+    for _ in range(2 * EVENTS):  # more than are kept, before the session takes the first
+        stage.request("looker", "go", x=1.2, y=0.0)
+    stage.run_for(2.0)
+    assert stage.parts["mission"]["state"] == "none"
 
 
 def test_a_browser_without_the_token_stops_the_robot_and_can_do_nothing_else(stage: Stage) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import pty
@@ -138,6 +139,29 @@ def test_stop_stays_until_resume(run: Run, start: Start, robot: None) -> None:
         done = run(command, "--timeout", "10")
         assert done.returncode == 0, done.stderr
         assert says in done.stdout
+
+
+def test_a_stop_names_the_other_robots_that_go_on(run: Run, robot: None) -> None:
+    who(run, "robot")
+    path = sockets.share_of("another", "desk")
+    with path.open("a") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        done = run("stop")
+        path.unlink()
+    assert done.returncode == 0, done.stderr
+    assert "armadico stop --namespace another" in done.stderr
+
+
+@pytest.mark.long
+def test_a_goal_sent_while_the_society_starts_is_driven_to(environment: dict[str, str]) -> None:
+    with starter(env=environment) as start:
+        up = start("up", "sc1")
+        assert up.stderr is not None
+        while "starting" not in (line := up.stderr.readline()):
+            assert line, "it ended"
+        done = call("goto", "1", "0", "--timeout", "60", env=environment)
+        assert done.returncode == 0, done.stderr
+        assert "the goal is reached" in done.stdout
 
 
 def test_a_stop_by_signal_is_latched_and_needs_no_connection(

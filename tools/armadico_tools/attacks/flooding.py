@@ -12,7 +12,10 @@ import sys
 import time
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from itertools import count
 
+THREADS = 16
 OPEN = 4000
 """Silent connections that it keeps at most."""
 
@@ -22,9 +25,11 @@ def main(address: str, port: int, rate: float, kind: str) -> None:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
     kept: deque[socket.socket] = deque(maxlen=OPEN)
+    began = time.monotonic()
 
-    def once() -> None:
-        try:
+    def connect(number: int) -> None:
+        time.sleep(max(began + number / rate - time.monotonic(), 0.0))
+        with suppress(OSError):
             line = socket.create_connection((address, port), 2.0)
             if kind == "silent":
                 kept.append(line)
@@ -34,18 +39,13 @@ def main(address: str, port: int, rate: float, kind: str) -> None:
                     with context.wrap_socket(line) as secured:
                         secured.settimeout(2.0)
                         secured.recv(1)
-        except OSError:
-            pass
 
-    began, number = time.monotonic(), 0
-    with ThreadPoolExecutor(16) as pool:
-        while True:
-            number += 1
-            wait = began + number / rate - time.monotonic()
-            if wait > 0:
-                time.sleep(wait)
-            if pool._work_queue.qsize() < 64:
-                pool.submit(once)
+    def work(first: int) -> None:
+        for number in count(first, THREADS):
+            connect(number)
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        list(pool.map(work, range(THREADS)))
 
 
 if __name__ == "__main__":

@@ -11,11 +11,11 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from itertools import pairwise
 from pathlib import Path
-from typing import Final, NamedTuple, Self
+from typing import Any, Final, NamedTuple
 
 from armadico.config.endpoints import endpoints
 from armadico.config.hosts import load_hosts
@@ -25,7 +25,7 @@ from armadico.launch.client import Client
 from armadico.launch.processes import kill_trees
 from armadico.mesh import sockets
 from armadico.mesh.door import VIEWER, person
-from armadico_tools.testbed import WATCHER, Namespaces, sockets_in
+from armadico_tools.testbed import SOON_S, WATCHER, Namespaces, PlaceError, sockets_in
 
 ROBOT, LAB, DESK, STRANGER = "robot", "lab2", "desk", WATCHER
 ADDRESS: Final = "10.77.5.1"
@@ -51,15 +51,9 @@ start = [0, 0, 0]
 goal = [9, 0, 0]
 plan = "direct"
 """
-NAMESPACE: Final = "robot1"
-SOON_S: Final = 60.0
 
 
-class LabError(RuntimeError):
-    """A command failed, or an event did not come."""
-
-
-class Lab:
+class Lab(Namespaces):
     """Each host has a folder of its own, with the table and its keys; a context manager."""
 
     def __init__(self, folder: Path, table: str = TABLE) -> None:
@@ -69,42 +63,22 @@ class Lab:
             (folder / host).mkdir()
             (folder / host / "lab.toml").write_text(table)
             (folder / host / "road.toml").write_text(SCENARIO)
-        self.bed = Namespaces(load_hosts(folder / ROBOT / "lab.toml"))
+        super().__init__(load_hosts(folder / ROBOT / "lab.toml"))
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.bed.__exit__(*error)
-
-    def popen(self, host: str, *words: str) -> subprocess.Popen[str]:
-        """Run a program in the host's folder."""
-        return self.bed.popen(
-            host,
-            words,
-            cwd=self.folder / host,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-
-    def call(self, host: str, *words: str) -> str:
-        """Run a command of the page to its end; return what it prints.
-
-        Raises LabError if it fails.
-        """
+    def call(self, host: str, *words: str, **options: Any) -> str:
+        """Run a command of the page in the host's folder, as `Place.call`."""
         joins = ("--hosts", "lab.toml", "--host", host) if words[0] == "armadico" else ()
-        process = self.popen(host, *words, *joins)
-        out = process.communicate(timeout=SOON_S)[0]
-        if process.returncode:
-            raise LabError(f"{host}: {' '.join(words)}: exit {process.returncode}: {out}")
-        return out
+        return super().call(host, *words, *joins, cwd=self.folder / host, **options)
 
-    def set_up(self) -> None:
-        """Make the keys of all hosts, and bring them there."""
+    def set_up(self, certificate_s: float | None = None) -> None:
+        """Make the keys of all hosts, and bring them there.
+
+        `certificate_s` is how long the certificates of other computers are valid, s.
+        """
+        hours = () if certificate_s is None else ("--hours", f"{certificate_s / 3600.0:.9f}")
         self.call(ROBOT, "armadico", "keys", "init")
         for host in (LAB, DESK):
-            self.call(ROBOT, "armadico", "keys", "host", host)
+            self.call(ROBOT, "armadico", "keys", "host", host, *hours)
             self.call(ROBOT, "mv", f"{host}-keys.tar", f"../{host}")  # scp between computers
             self.call(host, "tar", "-xf", f"{host}-keys.tar")
 
@@ -112,36 +86,25 @@ class Lab:
         """Start a host's share of the society."""
         folder = self.folder / host
         words = ("up", str(folder / "road.toml"), "--hosts", str(folder / "lab.toml"), *more)
-        return self.bed.start(host, host, [*words, "--host", host, "--restarts", "100"])
+        return self.start(host, host, [*words, "--host", host, "--restarts", "100"])
 
     @contextmanager
     def client(self, name: str) -> Iterator[Client]:
         """A guest on the robot's computer, with the key of an identity."""
         with (
-            sockets_in(self.bed.sockets_of(ROBOT)),
-            endpoints(NAMESPACE).mesh(name, starts=True) as mesh,
+            sockets_in(self.sockets_of(ROBOT)),
+            endpoints(self.namespace).mesh(name, starts=True) as mesh,
         ):
             yield Client(mesh)
-
-    def viewer(self) -> AbstractContextManager[Client]:
-        """A guest on the robot's computer, which only looks."""
-        return self.client(VIEWER)
 
     def wait_for_keys(self) -> None:
         """Wait until the robot agent listens, whose socket leads to the keys."""
         end = time.monotonic() + SOON_S
-        with sockets_in(self.bed.sockets_of(ROBOT)):
-            while sockets.keys_here(NAMESPACE) is None:
+        with sockets_in(self.sockets_of(ROBOT)):
+            while sockets.keys_here(self.namespace) is None:
                 if time.monotonic() > end:
-                    raise LabError("\n".join(self.bed.last_lines(ROBOT, 15)))
+                    raise PlaceError("\n".join(self.last_lines(ROBOT, 15)))
                 time.sleep(0.1)
-
-    def until(self, client: Client, condition: Callable[[], object], what: str) -> None:
-        """Wait for something to be so. Raises LabError if it does not come."""
-        if not client.wait_for(condition, SOON_S):
-            there = ", ".join(sorted(name for name, _ in client.alive))
-            logs = "\n".join(line for h in (ROBOT, LAB) for line in self.bed.last_lines(h, 15))
-            raise LabError(f"not within {SOON_S:.0f} s: {what}; alive: {there}\n{logs}")
 
 
 # Floods -------------------------------------------------------------------------------------------
@@ -214,7 +177,7 @@ def recoveries(folder: Path, floods: tuple[Flood, ...] = FLOODS) -> Iterator[Kil
         lab.up(ROBOT, "--set", f"interface.reach_m={5 * FAR_M:g}")
         lab.up(LAB)
         lab.wait_for_keys()
-        client = stack.enter_context(lab.viewer())
+        client = stack.enter_context(lab.client(VIEWER))
         drive = Obeyed(client)
         agents = Counter(name for _, name in IN_TURN)
         lab.until(client, lambda: Counter(n for n, _ in client.alive) >= agents, "the society")
@@ -260,13 +223,11 @@ class Obeyed:
 
 
 def killed(client: Client, drive: Obeyed, flood: str, host: str, name: str) -> Killed:
-    """Kill an agent of a host, and watch. Raises LabError if it is not there."""
-    there = _instances(client, host, name)
+    """Kill an agent of a host, and watch. Raises PlaceError if it is not there."""
     deadline = client.mesh.now() + LIMIT_S
-    while len(there) != 1 and client.mesh.now() < deadline:  # a card may be late under a flood
-        there = _instances(client, host, name)
-    if len(there) != 1:
-        raise LabError(f"{len(there)} instances of {name} on {host} showed a card")
+    while len(there := _instances(client, host, name)) != 1:  # a card may be late under a flood
+        if client.mesh.now() > deadline:
+            raise PlaceError(f"{len(there)} instances of {name} on {host} showed a card")
     before, held = set(client.alive), drive.holder == there[0].instance
     began = client.mesh.now()
     os.kill(there[0].pid, signal.SIGKILL)
@@ -292,7 +253,7 @@ def flooding(lab: Lab, flood: Flood) -> Iterator[None]:
         return
     script = Path(__file__).with_name("flooding.py")
     words = (sys.executable, str(script), ADDRESS, str(PORT), str(flood.rate), flood.kind)
-    process = lab.bed.popen(STRANGER, words)
+    process = lab.popen(STRANGER, words)
     try:
         yield
     finally:

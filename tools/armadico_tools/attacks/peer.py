@@ -6,8 +6,7 @@ It is what an attacker writes from docs/protocol.md. It checks nothing that it s
 from __future__ import annotations
 
 import json
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from typing import Any, Final, Self
 
@@ -40,6 +39,7 @@ class Peer:
         self.arrived = 0
         self._root = f"{namespace}/"
         self._kept: list[Any] = []
+        self._tokens: list[zenoh.LivelinessToken] = []
         config = zenoh.Config()
         own = {"connect/endpoints": [endpoint]} | dict(settings or {})
         for key, value in (SETTINGS | own).items():
@@ -58,30 +58,31 @@ class Peer:
     def is_linked(self) -> bool:
         return bool(list(self._session.info.routers_zid()))
 
-    def put(self, key: str, *values: object) -> None:
+    def put(self, keys: str | Iterable[str], *values: object) -> None:
         """Publish an array of values."""
-        self.put_bytes(key, cbor2.dumps(values))
+        self.put_bytes(keys, cbor2.dumps(values))
 
-    def put_bytes(self, key: str, data: bytes) -> None:
+    def put_bytes(self, keys: str | Iterable[str], data: bytes) -> None:
         with suppress(zenoh.ZError):  # the link is gone
-            self._session.put(
-                self._root + key, data, congestion_control=zenoh.CongestionControl.DROP
-            )
+            for key in [keys] if isinstance(keys, str) else keys:
+                self._session.put(
+                    self._root + key, data, congestion_control=zenoh.CongestionControl.DROP
+                )
 
-    def put_bytes_all(self, keys: Sequence[str], data: bytes) -> None:
-        for key in keys:
-            self.put_bytes(key, data)
-
-    def put_all(self, keys: Sequence[str], *values: object) -> None:
-        for key in keys:
-            self.put(key, *values)
-
-    def delete(self, key: str) -> None:
+    def delete(self, *keys: str) -> None:
         with suppress(zenoh.ZError):
-            self._session.delete(self._root + key)
+            for key in keys:
+                self._session.delete(self._root + key)
 
-    def token(self, key: str) -> zenoh.LivelinessToken:
-        return self._session.liveliness().declare_token(self._root + key)
+    def token(self, key: str) -> None:
+        """Declare a token, which lasts until `drop_tokens`."""
+        self._tokens.append(self._session.liveliness().declare_token(self._root + key))
+
+    def drop_tokens(self) -> None:
+        for token in self._tokens:
+            with suppress(zenoh.ZError):
+                token.undeclare()  # type: ignore[no-untyped-call]
+        self._tokens.clear()
 
     def answer(self, pattern: str, reply: Callable[[str], tuple[str, list[object]] | None]) -> None:
         """Answer queries on a pattern: `reply` gets the query's key, and returns key and values."""
@@ -123,15 +124,3 @@ class Peer:
             replies = self._session.liveliness().get(self._root + pattern, timeout=0.5)
             return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
         return []
-
-
-def repeat(seconds: float, hertz: float, act: Callable[[int], object]) -> None:
-    """Call `act` with 0, 1, 2 and so on, so many times a second, for a duration."""
-    began = time.monotonic()
-    number = 0
-    while (now := time.monotonic()) < began + seconds:
-        due = began + number / hertz
-        if due > now:
-            time.sleep(due - now)
-        act(number)
-        number += 1

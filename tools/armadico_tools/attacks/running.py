@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import zenoh
 
 from armadico_tools.attacks.attempts import DRIVES, STOPPED, Attempt
 from armadico_tools.attacks.peer import Peer
-from armadico_tools.attacks.victim import Victim, VictimError
+from armadico_tools.attacks.victim import Victim
+from armadico_tools.testbed import PlaceError
 
-__all__ = ["Outcome", "VictimError", "run"]
+if TYPE_CHECKING:
+    from armadico_tools.attacks.strangers import Stranger
 
 TRIES: Final = 5
 """A member's attempts to get a link, as a busy computer may not answer within Zenoh's timeout."""
@@ -52,22 +54,15 @@ def run(
     links: bool,
     report: Report,
 ) -> Iterator[Outcome]:
-    """Yield the outcome of each attack. Raises VictimError if the society does not come up."""
+    """Yield the outcome of each attack. Raises PlaceError if the society does not come up."""
     report(f"starting a society {'with' if keys else 'without'} keys")
     with Victim(keys=keys) as victim:
-        if links:
+        if links or (keys and not members):
             yield from _links(victim)
-        elif members:
+        if not links:
             _record(victim, report)
-            for name in members:
+            for name in members or ("",):
                 yield from _attacks(victim, chosen, seconds, name)
-        elif keys:
-            yield from _links(victim)
-            _record(victim, report)
-            yield from _attacks(victim, chosen, seconds)
-        else:
-            _record(victim, report)
-            yield from _attacks(victim, chosen, seconds)
 
 
 def _record(victim: Victim, report: Report) -> None:
@@ -82,33 +77,24 @@ def _record(victim: Victim, report: Report) -> None:
 def _links(victim: Victim) -> Iterator[Outcome]:
     from armadico_tools.attacks.strangers import member, strangers
 
-    goto = member(victim, "goto")
-    if not linked(victim, goto.endpoint, goto.settings):
-        raise VictimError("the rightful member goto gets no link, so a stranger proves nothing")
+    if not linked(victim, member(victim, "goto")):
+        raise PlaceError("the rightful member goto gets no link, so a stranger proves nothing")
     for stranger in strangers(victim):
-        got = linked(victim, stranger.endpoint, stranger.settings)
-        yield Outcome(stranger.name, True, "link", got)
+        yield Outcome(stranger.name, True, "link", linked(victim, stranger))
 
 
-def linked(victim: Victim, endpoint: str, settings: Mapping[str, object]) -> bool:
+def linked(victim: Victim, who: Stranger) -> bool:
     """Whether a peer gets a link that lasts: TLS 1.3 refuses a client after its first bytes."""
     try:
-        with Peer(victim.namespace, endpoint, settings) as peer:
+        with Peer(victim.namespace, who.endpoint, who.settings) as peer:
             victim.settle()
             return bool(peer.tokens("**")) or peer.is_linked
     except zenoh.ZError:
         return False
 
 
-def _peer(victim: Victim, settings: Mapping[str, object], tries: int) -> Peer | None:
-    for _ in range(tries):
-        with suppress(zenoh.ZError):
-            return Peer(victim.namespace, victim.endpoint, settings)
-    return None
-
-
 def _attacks(
-    victim: Victim, chosen: Sequence[Attempt], seconds: float, name: str = ""
+    victim: Victim, chosen: Sequence[Attempt], seconds: float, name: str
 ) -> Iterator[Outcome]:
     """Make the attempts, as a stranger with what a stranger has, or as a member."""
     settings: Mapping[str, object] = {}
@@ -119,7 +105,11 @@ def _attacks(
         victim.known.me = name
     who = name or "a stranger"
     for attempt in chosen:
-        peer = _peer(victim, settings, tries=TRIES if name else 1)
+        peer = None
+        for _ in range(TRIES if name else 1):
+            with suppress(zenoh.ZError):
+                peer = Peer(victim.namespace, victim.endpoint, settings)
+                break
         if peer is None:
             yield Outcome(who, not name, attempt.name, False)
             continue

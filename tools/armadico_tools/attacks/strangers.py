@@ -6,8 +6,7 @@ to make most of them.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -23,20 +22,25 @@ from cryptography.hazmat.primitives.serialization import (
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from armadico.keys.door import open_door
-from armadico.keys.store import AUTHORITY_KEY, MEMBERS, Store
+from armadico.keys.store import AUTHORITY_KEY, Store
 from armadico.mesh.door import TLS, USER
 from armadico_tools.attacks.victim import Victim
 
 MEMBER: Final = "goto"
-HOUR: Final = timedelta(hours=1)
+PAIR: Final = (f"{TLS}connect_certificate", f"{TLS}connect_private_key")
 
 
 class Stranger(NamedTuple):
-    """Who tries, at which endpoint, with which settings of Zenoh."""
+    """An attacker: at which endpoint it tries, and with which settings of Zenoh."""
 
     name: str
     endpoint: str
     settings: Mapping[str, object]
+
+
+class Signer(NamedTuple):
+    certificate: x509.Certificate
+    key: Ed25519PrivateKey
 
 
 def member(victim: Victim, name: str) -> Stranger:
@@ -45,126 +49,92 @@ def member(victim: Victim, name: str) -> Stranger:
     return Stranger(name, victim.endpoint, door.current())
 
 
-def strangers(victim: Victim) -> Iterator[Stranger]:
+def strangers(victim: Victim) -> list[Stranger]:
     """All that must not get a link to a society with keys."""
-    keys = victim.where.keys
+    keys, port, socket = victim.where.keys, victim.endpoint, victim.socket
     assert keys is not None, "it has keys"
-    store, made = Store(keys), _Maker(victim.folder / "strangers", keys)
-    name = f"{victim.namespace}/{MEMBER}"
     true = dict(member(victim, MEMBER).settings)
-    password = {k: v for k, v in true.items() if k.startswith(USER)}
-    trusts = {f"{TLS}root_ca_certificate": str(store.authority)}
-    plain = victim.endpoint.replace("tls/", "tcp/")
-    yield Stranger("plain TCP on the port", plain, password)
-    yield Stranger("plain TCP, no password", plain, {})
-    yield Stranger("no certificate", victim.endpoint, trusts | password)
-    yield Stranger("no certificate, no password", victim.endpoint, trusts)
-
-    def tls(label: str, files: dict[str, object], **other: object) -> Stranger:
-        return Stranger(
-            label, victim.endpoint, true | files | {f"{USER}{k}": v for k, v in other.items()}
-        )
-
-    yield tls("foreign authority", made.pair("foreign", name, foreign=True))
-    yield tls("signed by itself", made.pair("itself", name, itself=True))
-    yield tls("expired an hour ago", made.pair("expired", name, begins=-24 * HOUR, ends=-HOUR))
-    yield tls("valid from tomorrow", made.pair("future", name, begins=24 * HOUR, ends=48 * HOUR))
-    yield tls("valid a year ago", made.pair("year", name, begins=-8784 * HOUR, ends=-8760 * HOUR))
-    yield tls("no common name", made.pair("nocn", ""))
-    yield tls("two common names", made.pair("twocn", name, f"{victim.namespace}/robot"))
-    yield tls("another namespace", made.pair("other", f"other/{MEMBER}"))
-    yield tls("unknown member", made.pair("unknown", f"{victim.namespace}/nobody"))
-    yield tls("signed by a member", made.pair("leaf", name, signer=victim))
-    yield tls("wrong password", {}, password="0" * 64)
-    yield tls("no password", {}, password="")
-    yield tls("another's name, own password", {}, user=f"{victim.namespace}/robot")
-    no_user = {k: v for k, v in true.items() if not k.startswith(USER)}
-    yield Stranger("certificate alone", victim.endpoint, no_user)
-    socket = {k: v for k, v in true.items() if k.startswith(USER)}
-    yield Stranger("Unix socket, no password", victim.socket, {})
-    wrong = socket | {f"{USER}password": "0" * 64}
-    yield Stranger("Unix socket, wrong password", victim.socket, wrong)
+    login = {name: value for name, value in true.items() if name.startswith(USER)}
+    tls = {name: value for name, value in true.items() if name not in login}
+    trusts = {f"{TLS}root_ca_certificate": str(Store(keys).authority)}
+    plain = port.replace("tls/", "tcp/")
+    user, password = f"{USER}user", f"{USER}password"
+    rows: list[tuple[str, str, Mapping[str, object]]] = [
+        ("plain TCP on the port", plain, login),
+        ("plain TCP, no password", plain, {}),
+        ("no certificate", port, trusts | login),
+        ("no certificate, no password", port, trusts),
+        *((name, port, true | files) for name, files in _certificates(victim.namespace, keys, tls)),
+        ("wrong password", port, true | {password: "0" * 64}),
+        ("no password", port, true | {password: ""}),
+        ("another's name, own password", port, true | {user: f"{victim.namespace}/robot"}),
+        ("certificate alone", port, tls),
+        ("Unix socket, no password", socket, {}),
+        ("Unix socket, wrong password", socket, login | {password: "0" * 64}),
+    ]
+    return [Stranger(*row) for row in rows]
 
 
-def revoked(victim: Victim, name: str) -> None:
-    """Mark a member as revoked in the list that the robot's computer reads."""
-    keys = victim.where.keys
-    assert keys is not None, "it has keys"
-    path = keys / MEMBERS
-    rows = json.loads(path.read_text(encoding="utf-8"))
-    for row in rows:
-        if row["name"] == f"{victim.namespace}/{name}":
-            row["revoked"] = datetime.now(UTC).isoformat(timespec="seconds")
-    new = path.with_suffix(".new")
-    new.write_text(json.dumps(rows), encoding="utf-8")
-    new.chmod(0o600)
-    new.replace(path)
-
-
-class _Maker:
-    """Makes certificates and keys in a folder."""
-
-    def __init__(self, folder: Path, keys: Path) -> None:
-        folder.mkdir(exist_ok=True)
-        self._folder = folder
-        self._authority = x509.load_pem_x509_certificate((keys / "authority.pem").read_bytes())
-        found = load_pem_private_key((keys / AUTHORITY_KEY).read_bytes(), None)
-        assert isinstance(found, Ed25519PrivateKey), "the authority's key is one"
-        self._key = found
-
-    def pair(
-        self,
-        file: str,
-        *names: str,
-        begins: timedelta = -HOUR,
-        ends: timedelta = 24 * HOUR,
-        foreign: bool = False,
-        itself: bool = False,
-        signer: Victim | None = None,
-    ) -> dict[str, object]:
-        """Make a certificate with these common names; return the settings with its files.
-
-        By default it is signed by the authority. Else by a `foreign` one of the same name, by
-        `itself`, or by the key of a member of the `signer` society.
-        """
+def _certificates(
+    namespace: str, keys: Path, tls: Mapping[str, object]
+) -> Iterator[tuple[str, dict[str, object]]]:
+    """Certificates that must not be accepted, as settings; `tls` are a member's own."""
+    ours = _signer(Store(keys).authority, keys / AUTHORITY_KEY)
+    leaf = _signer(*(Path(str(tls[name])) for name in PAIR))
+    foreign = Signer(ours.certificate, Ed25519PrivateKey.generate())  # of the same name
+    name = f"{namespace}/{MEMBER}"
+    # Common names; from when and until when it is valid, hours from now; who signs it.
+    table: dict[str, tuple[tuple[str, ...], int, int, Signer | None]] = {
+        "foreign authority": ((name,), -1, 24, foreign),
+        "signed by itself": ((name,), -1, 24, None),
+        "expired an hour ago": ((name,), -24, -1, ours),
+        "valid from tomorrow": ((name,), 24, 48, ours),
+        "valid a year ago": ((name,), -8784, -8760, ours),
+        "no common name": ((), -1, 24, ours),
+        "two common names": ((name, f"{namespace}/robot"), -1, 24, ours),
+        "another namespace": ((f"other/{MEMBER}",), -1, 24, ours),
+        "unknown member": ((f"{namespace}/nobody",), -1, 24, ours),
+        "signed by a member": ((name,), -1, 24, leaf),
+    }
+    for label, (names, begins, ends, by) in table.items():
         key = Ed25519PrivateKey.generate()
-        subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, n) for n in names if n])
-        issuer, by = self._authority.subject, self._key
-        if foreign:
-            by = Ed25519PrivateKey.generate()
-        elif itself:
-            issuer, by = subject, key
-        elif signer is not None:
-            settings = member(signer, MEMBER).settings
-            own = Path(str(settings[f"{TLS}connect_certificate"])).read_bytes()
-            private = Path(str(settings[f"{TLS}connect_private_key"])).read_bytes()
-            issuer = x509.load_pem_x509_certificate(own).subject
-            found = load_pem_private_key(private, None)
-            assert isinstance(found, Ed25519PrivateKey), "a member's key is one"
-            by = found
-        now = datetime.now(UTC)
-        uses = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
-        made = (
-            x509.CertificateBuilder()
-            .subject_name(subject)
-            .issuer_name(issuer)
-            .public_key(key.public_key())
-            .serial_number(x509.random_serial_number())
-            .not_valid_before(now + begins)
-            .not_valid_after(now + ends)
-            .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-            .add_extension(x509.ExtendedKeyUsage(uses), critical=False)
-            .sign(by, None)
-            .public_bytes(Encoding.PEM)
-        )
-        if signer is not None:  # with the chain to the authority
-            made += own
-        pem, private_file = self._folder / f"{file}.pem", self._folder / f"{file}.key"
-        pem.write_bytes(made)
-        private_file.write_bytes(
-            key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
-        )
-        return {
-            f"{TLS}connect_certificate": str(pem),
-            f"{TLS}connect_private_key": str(private_file),
-        }
+        pem = _certificate(key, names, timedelta(hours=begins), timedelta(hours=ends), by)
+        if by is leaf:  # with the chain to the authority
+            pem += leaf.certificate.public_bytes(Encoding.PEM)
+        private = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+        files = [keys.parent / f"{label}{end}" for end in (".pem", ".key")]
+        for file, data in zip(files, (pem, private), strict=True):
+            file.write_bytes(data)
+        yield label, dict(zip(PAIR, map(str, files), strict=True))
+
+
+def _signer(certificate: Path, private: Path) -> Signer:
+    key = load_pem_private_key(private.read_bytes(), None)
+    assert isinstance(key, Ed25519PrivateKey), "all keys of a society are"
+    return Signer(x509.load_pem_x509_certificate(certificate.read_bytes()), key)
+
+
+def _certificate(
+    key: Ed25519PrivateKey,
+    names: Sequence[str],
+    begins: timedelta,
+    ends: timedelta,
+    by: Signer | None,
+) -> bytes:
+    """A certificate with these common names; without a signer it is signed by its own key."""
+    now = datetime.now(UTC)
+    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name) for name in names])
+    uses = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(subject if by is None else by.certificate.subject)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now + begins)
+        .not_valid_after(now + ends)
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(x509.ExtendedKeyUsage(uses), critical=False)
+        .sign(key if by is None else by.key, None)
+        .public_bytes(Encoding.PEM)
+    )

@@ -6,23 +6,19 @@ join by the Unix socket, or by the port as if they ran on another computer.
 
 from __future__ import annotations
 
-import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Final, NamedTuple
 
 from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.simulator.server import TcpLine
-from armadico.config.endpoints import Endpoints, endpoints
+from armadico.config.endpoints import Endpoints
 from armadico.core.cycles import PERIOD
 from armadico.launch.client import Client
 from armadico.launch.processes import agent_words, command_line
 from armadico.launch.society import Options, members
 from armadico.mesh.door import person
-from armadico.mesh.ports import free_port
 from armadico.mobile.messages import MissionRequest, Waypoint
 from armadico_tools.bench.figures import Figure, figure
 from armadico_tools.bench.latency import (
@@ -52,10 +48,6 @@ class Way(NamedTuple):
     protocol: str  # of the robot's port
     by_port: bool
 
-    @property
-    def keys(self) -> bool:
-        return self.protocol == "tls"
-
 
 SOCKET, SOCKET_KEYS = Way("socket", "tcp", False), Way("socket-keys", "tls", False)
 TCP, TLS = Way("tcp", "tcp", True), Way("tls-keys", "tls", True)
@@ -84,47 +76,24 @@ def sip_to_command(quick: bool) -> list[Figure]:
 def start(quick: bool) -> list[Figure]:
     """From `armadico up` until the tokens of twelve agents are seen, with keys and without."""
     times: dict[Way, list[float]] = {SOCKET: [], SOCKET_KEYS: []}
-    with Place("doors") as place, _tables(place, TWELVE) as tables:
+    with Place("doors") as place:
+        tables = {way: place.table(way.name, way.protocol, TWELVE) for way in times}
         for _ in range(2 if quick else 5):
             for way, taken in times.items():
-                taken.append(_started(tables[way.protocol]))
+                taken.append(_started(place, tables[way]))
     return [figure("start-12-keys", "s", times[SOCKET_KEYS], times[SOCKET])]
 
 
-def _started(where: Endpoints) -> float:
-    assert where.table is not None, "it has one"
+def _started(place: Place, where: Endpoints) -> float:
     besides = [word for name in ("teleop", "mission-planning") for word in ("--with", name)]
-    words = ["up", "sc4", *besides, "--hosts", where.table.file, "--host", "here"]
-    command = command_line([*words, "--namespace", where.namespace], tied=True)
+    words = ["up", "sc4", *besides, "--namespace", where.namespace, *where.words]
     with closing(where.mesh(starts=True)) as mesh:
         mesh.open()
         client = Client(mesh)
         began = time.monotonic()
-        with started(command):
-            if not client.wait_for(lambda: {n for n, _ in client.alive} >= {*TWELVE}, SOON_S):
-                missing = {*TWELVE} - {name for name, _ in client.alive}
-                raise TimeoutError(f"not within {SOON_S:.0f} s: {', '.join(sorted(missing))}")
+        with started(command_line(words, tied=True)):
+            place.until(client, lambda: {n for n, _ in client.alive} >= {*TWELVE}, "the society")
             return time.monotonic() - began
-
-
-@contextmanager
-def _tables(place: Place, agents: tuple[str, ...]) -> Iterator[dict[str, Endpoints]]:
-    """A table of one host with these agents, without keys ("tcp") and with ("tls")."""
-    with TemporaryDirectory(prefix="armadico-doors-") as folder:
-        found = {}
-        for protocol in ("tcp", "tls"):
-            table = Path(folder) / f"{protocol}.toml"
-            keys = f'keys = "{protocol}"\n' if protocol == "tls" else ""
-            names = ", ".join(f'"{agent}"' for agent in agents)
-            port = f'router = "{protocol}/127.0.0.1:{free_port()}"'
-            table.write_text(f"{keys}[here]\n{port}\nagents = [{names}]\n", encoding="utf-8")
-            namespace = f"{place.namespace}-{protocol}"
-            if keys:
-                words = ["keys", "init", "--hosts", str(table), "--host", "here"]
-                command = command_line([*words, "--namespace", namespace], tied=True)
-                subprocess.run(command, check=True, capture_output=True, timeout=SOON_S)
-            found[protocol] = endpoints(namespace, hosts=table, host="here")
-        yield found
 
 
 @contextmanager
@@ -133,13 +102,9 @@ def _driving(place: Place, way: Way, phase: float) -> Iterator[Stopwatch]:
 
     Its cycles begin at this share of the others' period, so that they do not wait for one another.
     """
-    own = Place(way.name)
-    own.namespace = f"{place.namespace}-{way.name}"
     with ExitStack() as stack:
-        where = stack.enter_context(_tables(own, ("robot", *AGENTS)))[way.protocol]
-        assert where.table is not None, "it has one"
-        router = where.table.robots_router
-        assert router is not None, "the table names it"
+        where = place.table(way.name, way.protocol, ("robot", *AGENTS))
+        (router,) = where.known
         line = TcpLine("127.0.0.1", 0)
         stack.callback(line.close)
         decoder = Decoder()
@@ -151,8 +116,7 @@ def _driving(place: Place, way: Way, phase: float) -> Iterator[Stopwatch]:
         time.sleep((phase * PERIOD - time.monotonic()) % PERIOD)
         stack.enter_context(simulated(pioneer(), watch))
         for member in members(DRIVE, Options(), f"tcp://127.0.0.1:{line.port}"):
-            words = agent_words([member], where.namespace)
-            words += ["--hosts", where.table.file, "--host", "here"]
+            words = [*agent_words([member], where.namespace), *where.words]
             if way.by_port and member.name != "robot":
                 words += ["--connect", router]
             stack.enter_context(started(command_line(words, tied=True)))
@@ -160,8 +124,7 @@ def _driving(place: Place, way: Way, phase: float) -> Iterator[Stopwatch]:
         mesh.open()
         client = Client(mesh)
         names = {"robot", *AGENTS}
-        if not client.wait_for(lambda: {n for n, _ in client.alive} >= names, SOON_S):
-            raise TimeoutError(f"{way.name}: the society did not start")
+        place.until(client, lambda: {n for n, _ in client.alive} >= names, f"society {way.name}")
         request = MissionRequest(Waypoint(*GOAL), planned=False)
         client.request_mission(request, again=SOON_S)
         mesh.close()  # so that no guest receives

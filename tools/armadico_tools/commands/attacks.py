@@ -26,6 +26,7 @@ EXAMPLES: Final = """\
   armadico attacks --keys --as mcp --table  the same with mcp's, as a table in Markdown
   armadico attacks --keys --links           which certificates and passwords get a link
   sudo .venv/bin/armadico attacks --keys --floods    do killed agents come back meanwhile?
+  sudo .venv/bin/armadico attacks --keys --soak 60   an hour of kills and renewed certificates
 """
 
 
@@ -46,6 +47,18 @@ class Options:
         " (needs root), kill each agent in turn, and measure when it is back and how long no new"
         " command was obeyed"
     )
+    soak: int | None = option(
+        "soak the same lab for so many minutes (needs root; with and without --keys): kill an agent"
+        " each 15 s, and print why no new command was obeyed for longer than 0.4 s",
+        metavar="MINUTES",
+        must=at_least(1),
+    )
+    certificates: int = option(
+        "with --soak --keys: certificates of the other computers are valid for so long, s",
+        default=60,
+        metavar="S",
+        must=at_least(36),
+    )
     seconds: int = option("attack for so long, s", default=3, metavar="S", must=at_least(1))
     json: bool = flag("print JSON")
     table: bool = flag("print a table in Markdown, as the page of security has it")
@@ -56,6 +69,7 @@ def run(args: Options) -> int:
     """Run attacks, each on a society that works; 1 if a stranger got a link or had an effect."""
     from armadico_tools.attacks import running
     from armadico_tools.attacks.attempts import ATTEMPTS
+    from armadico_tools.testbed import PlaceError
 
     for name in args.names:
         if name not in ATTEMPTS:
@@ -63,6 +77,8 @@ def run(args: Options) -> int:
     for option_name, given in (("as", args.who), ("links", args.links), ("floods", args.floods)):
         if given and not args.keys:
             raise UsageError(f"--{option_name} needs --keys")
+    if args.soak is not None:
+        return _soak(args, args.soak)
     if args.floods:
         return _floods(as_json=args.json)
     chosen = [ATTEMPTS[name] for name in args.names or ATTEMPTS]
@@ -78,7 +94,7 @@ def run(args: Options) -> int:
             outcomes.append(outcome)
             if not (args.json or args.table):
                 print(f"{outcome.who:<28}{outcome.name:<18}{outcome.text}", flush=True)
-    except running.VictimError as error:
+    except PlaceError as error:
         raise FailedError(str(error)) from None
     finally:
         _print_whole(args, outcomes)
@@ -104,12 +120,39 @@ def _table(outcomes: Sequence[Outcome]) -> str:
     return table(["attack", *whos], rows)
 
 
+def _soak(args: Options, minutes: int) -> int:
+    """Print what a soak found; 1 if an agent did not come back, or a link was lost for good."""
+    from tempfile import TemporaryDirectory
+
+    from armadico_tools.attacks.soak import soak
+    from armadico_tools.hosts.namespaces import lacking
+    from armadico_tools.testbed import PlaceError
+
+    if (trouble := lacking()) is not None:
+        raise FailedError(trouble)
+    with TemporaryDirectory(prefix="armadico-soak-") as folder:
+        options.report(f"soaking a lab {'with' if args.keys else 'without'} keys: {minutes} min")
+        try:
+            found = soak(
+                Path(folder),
+                minutes,
+                keys=args.keys,
+                certificate_s=args.certificates,
+                report=options.report,
+            )
+        except PlaceError as error:
+            raise FailedError(str(error)) from None
+    print("\n".join(found.lines))
+    return int(not found.holds)
+
+
 def _floods(*, as_json: bool) -> int:
     """Print what followed each kill; 1 if an agent did not come back."""
     from tempfile import TemporaryDirectory
 
     from armadico_tools.attacks import lab
     from armadico_tools.hosts.namespaces import lacking
+    from armadico_tools.testbed import PlaceError
 
     if (trouble := lacking()) is not None:
         raise FailedError(trouble)
@@ -126,7 +169,7 @@ def _floods(*, as_json: bool) -> int:
                         f"back {_shown(each.back):<8}pause {each.paused:.2f} s",
                         flush=True,
                     )
-        except lab.LabError as error:
+        except PlaceError as error:
             raise FailedError(str(error)) from None
     if as_json:
         print(json.dumps([each._asdict() for each in found], indent=1))

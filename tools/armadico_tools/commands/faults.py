@@ -16,6 +16,8 @@ EXAMPLES: Final = """\
   armadico faults --seeds 50 --kind partition --kind hang
   armadico faults --variant people --robot turtlebot4 --scenario house
   armadico faults --planted all --seeds 20     which promises find defects of the product
+  armadico faults --planted all --once         how many seeds each defect needs
+  armadico faults --seeds 100 --excuses        which excuses of the auditor are needed
   armadico faults --repeat case.json           repeat a case, as printed with a violation
   armadico faults --live --list                list the kinds of trials, and what they measure
   armadico faults --live --kind holder-killed --trials 5
@@ -42,6 +44,8 @@ def run(args: Options) -> int:
         raise UsageError(no_such("variant", variant, campaign.VARIANTS))
     if args.list:
         return campaign.show_kinds(live=live, as_json=as_json)
+    if args.virtual.once and args.virtual.planted is None:
+        raise UsageError("--once is for runs with --planted")
     if args.virtual.repeat is not None:
         return campaign.repeat(args.virtual.repeat, as_json=as_json)
     if args.virtual.planted is not None:

@@ -32,7 +32,7 @@ from armadico.mesh.virtual_place import address
 from armadico.mobile.messages import Scan, Sonar, Truth
 from armadico.mobile.scans import points_of
 from armadico_tools.falsify.cases import Case
-from armadico_tools.faults.contacts import PREVENTABLE, Cause, Surroundings, Witness
+from armadico_tools.faults.contacts import PREVENTABLE, Judge
 
 UTILITY: Final = 0.99
 
@@ -137,13 +137,11 @@ class Trial:
         self.mesh.add(Hostile(self.mesh.identity(Hostile.name), plan))
         link = self.mesh.link(*(address(DEFAULT_NAMESPACE, n) for n in ("hostile", "robot")))
         link.faults = LinkFaults(delay=case.delay)
-        self._around = Surroundings(self.robot.plant)
-        decel = profile.limits.v_decel
-        self._witness = Witness(self._around.outline, lambda v: 0.3 * v + v * v / (2.0 * decel))
+        self._judge = Judge(self.robot.plant)
         self._reach = self.robot.plant.body.reach_m
         self.cycles, self.worth = 0, inf
         self._speed = self._hit_at = self._hit_speed = 0.0
-        self._hits, self.cause = 0, ""
+        self.cause = ""
         self.mesh.watch(self._on_reading, Sonar, Scan)
         self.mesh.watch(self._on_truth, Truth)
 
@@ -160,20 +158,16 @@ class Trial:
 
     def _on_reading(self, _key: str, message: Message, now: float) -> None:
         assert isinstance(message, Sonar | Scan), "only readings are watched"
-        self._around.look(now)
-        self._witness.on_reading(now, self._around.pose, abs(self.robot.plant.speeds[0]), message)
+        self._judge.on_reading(message, now)
 
     def _on_truth(self, _key: str, message: Message, now: float) -> None:
         assert isinstance(message, Truth), "only the truth is watched"
         self.cycles += 1
         before, pace = self._speed, abs(message.v) + self._reach * abs(message.w)
         self._speed = pace
-        hits = message.collisions - message.bumped
-        if hits > self._hits:
-            self._hits, self._hit_at, self._hit_speed = hits, now, before
-            place_at = self._around.touched()
-            cause = Cause.OUTSIDE if place_at is None else self._witness.judge(place_at)
-            self.cause = cause.value
+        cause = self._judge.on_truth(message)
+        if cause is not None:
+            self._hit_at, self._hit_speed, self.cause = now, before, cause.value
             self.worth = -max(before, pace) if cause in PREVENTABLE else SPARED_S
         elif message.clearance is not None and pace > 0.0:
             self.worth = min(self.worth, message.clearance / max(pace, SLOW_M_S))

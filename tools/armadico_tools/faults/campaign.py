@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Final
@@ -21,8 +22,8 @@ from armadico.config.scenarios import load_scenario
 from armadico.core.config_errors import ConfigError
 from armadico.core.errors import no_such
 from armadico.core.judgement import Answer, all_of, no, unknown, yes
+from armadico.observe.audit.promises import Excuse
 from armadico.observe.conditions import software
-from armadico_tools.command_options import over
 from armadico_tools.faults import MINUTES, SEEDS, plan, series, shrink, workload
 from armadico_tools.faults import TRIALS as COUNT
 from armadico_tools.faults.fault_types import KINDS, Promise
@@ -159,19 +160,23 @@ def run_seeds(args: Options) -> int:
     seeds = range(first, first + (given.seeds or SEEDS))
     only = Only(args.kind, args.scenario, given.robot, given.variant)
     among(only.variant, only.scenario, only.robot)  # raises here, not in a worker
-    tasks = [series.Task(seed, lasts, only) for seed in seeds]
+    tasks = [series.Task(seed, lasts, only, strict=given.excuses) for seed in seeds]
     summary = Summary(narrowed=only != EVERYTHING)
 
-    def done(task: series.Task, outcome: Outcome) -> None:
+    def done(_task: series.Task, outcome: Outcome) -> None:
         summary.add(outcome)
+
+    def new(task: series.Task, outcome: Outcome) -> None:
         _keep(ledger, outcome, task.only.kinds)
 
-    complete = over(series.Task.run, tasks, args.series.processes, "seeds", done)
+    complete = _continue(args, tasks, done, new)
     commands = _commands(summary) if complete else []
     if args.series.json:
         print(json.dumps({**summary.plain(), "repeat": commands}))
     else:
         _show_seeds(summary, commands)
+        if given.excuses:
+            _show_excuses(summary)
         seeds_run, broken = ledger.count()
         print(f"{ledger.path}: {seeds_run} seeds on this commit, {broken} broke a promise")
     if not complete:
@@ -190,19 +195,24 @@ def run_planted(args: Options) -> int:
     found = {each: Found() for each in names}
     only = Only(args.kind, args.scenario, given.robot, given.variant)
     among(only.variant, only.scenario, only.robot)  # raises here, not in a worker
-    # Faults excuse a robot from much, so every second seed is without.
-    tasks = [
-        series.Task(seed, lasts, only, each, calm=seed % 2 == 1) for seed in seeds for each in names
-    ]
 
     def done(task: series.Task, outcome: Outcome) -> None:
         found[task.planted].add(outcome)
 
-    path = args.out / series.PLANTED
-    try:
-        complete = series.kept(path, series.Task.run, tasks, args.series.processes, done)
-    except OSError as error:
-        raise FailedError(f"cannot keep results in {args.out}: {error}") from None
+    complete, batches = True, [[seed] for seed in seeds] if given.once else [[*seeds]]
+    for batch in batches:
+        left = [each for each in names if not (given.once and found[each].found)]
+        if not any(left):
+            break
+        # Faults excuse a robot from much, so every second seed is without.
+        tasks = [
+            series.Task(seed, lasts, only, each, calm=seed % 2 == 1)
+            for seed in batch
+            for each in left
+        ]
+        complete = _continue(args, tasks, done)
+        if not complete:
+            break
     if args.series.json:
         print(json.dumps({each or "none": vars(of) for each, of in found.items()}))
     else:
@@ -211,6 +221,29 @@ def run_planted(args: Options) -> int:
         return options.INTERRUPTED
     missed = [each for each, of in found.items() if each and not of.found]
     return 1 if missed or found[""].found else 0
+
+
+def _continue(
+    args: Options,
+    tasks: Sequence[series.Task],
+    done: Callable[[series.Task, Outcome], None],
+    new: Callable[[series.Task, Outcome], None] = lambda _task, _outcome: None,
+) -> bool:
+    """Run the tasks whose outcomes are not kept yet. Returns False if interrupted."""
+    path = args.out / series.OUTCOMES
+    try:
+        return series.kept(path, series.Task.run, tasks, args.series.processes, done, new)
+    except OSError as error:
+        raise FailedError(f"cannot keep results in {args.out}: {error}") from None
+
+
+def _show_excuses(summary: Summary) -> None:
+    table = Table("excuse", "seeds in which a promise would be broken without it")
+    for excuse in Excuse:
+        promises = summary.needed.get(excuse.name, Counter[str]())
+        of = ", ".join(f"{name} {count}" for name, count in promises.most_common())
+        table.add_row(excuse.name, of or "none: it was not needed")
+    Console().print(table)
 
 
 def _show_planted(found: Mapping[str, Found]) -> None:

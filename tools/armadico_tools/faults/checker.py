@@ -18,7 +18,7 @@ from armadico.core.judgement import Answer
 from armadico.mobile.geometry import relative
 from armadico.mobile.messages import Scan, Sonar, Truth
 from armadico.observe.audit.auditor import Auditor
-from armadico.observe.audit.promises import Excuse, Finding
+from armadico.observe.audit.promises import Finding
 from armadico_tools.faults.ballots import Fresh, OneDriver, OneHolder
 from armadico_tools.faults.contacts import PREVENTABLE, Counted, PlaceAt, Witness, nearest_place
 from armadico_tools.faults.fault_types import Promise, hinders
@@ -60,11 +60,9 @@ class Checker:
     robot from outcomes.
     """
 
-    def __init__(
-        self, bounds: Bounds | None = None, excuses: frozenset[Excuse] = frozenset(Excuse)
-    ) -> None:
+    def __init__(self, bounds: Bounds | None = None) -> None:
         bounds = bounds or Bounds()
-        self.auditor = Auditor(excuses=excuses, v_max=bounds.limit)
+        self.auditor = Auditor(v_max=bounds.limit)
         self.auditor.chart(bounds.walls, bounds.world)
         self.contacts: Counter[str] = Counter()  # by why; "": they break the promise
         self.record = Record(bounds)
@@ -189,6 +187,10 @@ class Checker:
         ):
             return None
         return lambda _: place
+
+    def needed(self) -> dict[str, tuple[str, ...]]:
+        """By excuse, the promises of which more would be broken without it, as far as is known."""
+        return {}
 
     def update_all(self, seen: Iterable[Observation]) -> list[Violation]:
         """Check a recording. Returns all violations."""

@@ -20,7 +20,7 @@ import numpy as np
 from armadico.bridge.simulator.plant import Plant
 from armadico.bridge.simulator.walls import Columns, Segments
 from armadico.mobile.geometry import Pose2, compose, relative
-from armadico.mobile.messages import Scan, Sonar
+from armadico.mobile.messages import Scan, Sonar, Truth
 from armadico.mobile.scans import Floats, bearings_of, ranges_of
 from armadico.mobile.swept_path import Outline
 
@@ -50,6 +50,9 @@ SLIPPED_M: Final = 0.15
 """By its wheels since a reading, the robot would have passed what it touched at least so far
 away, m."""
 
+REACTS_S: Final = 0.3
+"""The time from a reading to the beginning of braking."""
+
 SIDES: Final = 16
 """Sides of a column's outline."""
 
@@ -71,11 +74,6 @@ class Cause(StrEnum):
 
 PREVENTABLE: Final = frozenset({Cause.SEEN, Cause.TOO_FAST})
 """Contacts that the robot could have prevented by what its sensors read."""
-
-
-def unknowable(cause: Cause) -> str:
-    """Why no sensor could have known, in words; "" if one could."""
-    return "" if cause in PREVENTABLE else cause.value
 
 
 Counted = tuple[int, Pose2]
@@ -260,6 +258,30 @@ class Surroundings:
 
     def _gap(self, place: Place) -> float:
         return self.outline.clearance(*relative(self.pose, (*place, 0.0))[:2])
+
+
+class Judge:
+    """Judges each contact that a simulated robot makes by its own motion."""
+
+    def __init__(self, plant: Plant) -> None:
+        decel = plant.profile.limits.v_decel
+        self._plant, self._around, self._hits = plant, Surroundings(plant), 0
+        self._witness = Witness(
+            self._around.outline, lambda v: REACTS_S * v + v * v / (2.0 * decel)
+        )
+
+    def on_reading(self, message: Sonar | Scan, now: float) -> None:
+        """Readings were published at a time, s."""
+        self._around.look(now)
+        self._witness.on_reading(now, self._around.pose, abs(self._plant.speeds[0]), message)
+
+    def on_truth(self, message: Truth) -> Cause | None:
+        """The cause of a new contact; None: there is none."""
+        before, self._hits = self._hits, message.collisions - message.bumped
+        if self._hits <= before:
+            return None
+        place_at = self._around.touched()
+        return Cause.OUTSIDE if place_at is None else self._witness.judge(place_at)
 
 
 def _away(place: Place, line: Line) -> float:

@@ -23,10 +23,12 @@ class Virtual:
         "drive this robot: a shipped profile, or a file (default: drawn)", metavar="NAME"
     )
     variant: str | None = option("run only this variant (see --list; default: drawn)", metavar="V")
+    excuses: bool = flag("judge each seed without each excuse, too, and count which are needed")
     planted: str | None = option(
         "plant defect D of --list in the product, or each (all), and count the seeds that find it",
         metavar="D",
     )
+    once: bool = flag("leave a planted defect out once a seed has found it")
     repeat: str | None = option("repeat a case, given as JSON or as a file", metavar="CASE")
 
 

@@ -187,7 +187,8 @@ class Outcome(Struct, frozen=True):
     time from healing to moving again, and `missions` the number of goals reached. `contacts` and
     `moving_s` (s) are by the reason that voided COLLISION then, "" for none. `sights` counts
     situations, and `overconfident_s` is the longest time of moving with a pose wrong beyond its
-    covariance. `ends` counts the missions by how they ended (`workload.End`). `kind` is that of a
+    covariance. `ends` counts the missions by how they ended (`workload.End`). `needed` are the
+    promises of which more would be broken without an excuse, by its name. `kind` is that of a
     trial, and `figures` are its measurements.
     """
 
@@ -202,6 +203,7 @@ class Outcome(Struct, frozen=True):
     sights: dict[str, int] = {}
     overconfident_s: float = 0.0
     ends: dict[str, int] = {}
+    needed: dict[str, tuple[str, ...]] = {}
     kind: str = ""
     figures: dict[str, float] = {}
 

@@ -13,6 +13,8 @@ from msgspec import Struct, json, structs
 
 from armadico.observe.conditions import source_hash
 from armadico_tools.command_options import over
+from armadico_tools.faults.checker import Checker
+from armadico_tools.faults.excuses import Strict
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.plan import Case, Outcome
 from armadico_tools.faults.shrink import Shrinker
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 R = TypeVar("R")
 
-PLANTED: Final = "planted.csv"
+OUTCOMES: Final = "outcomes.csv"
 SEEDS: Final = "seeds.csv"
 TRIALS: Final = "trials.csv"
 
@@ -50,19 +52,26 @@ EVERYTHING: Final = Only()
 
 @dataclass(frozen=True)
 class Task:
-    """One seed, for a worker process; `calm`: without its faults."""
+    """One seed, for a worker process.
+
+    `calm`: without its faults; `strict`: judged without each excuse, too. With a planted defect the
+    run ends at the first promise that is broken.
+    """
 
     seed: int
     lasts: float  # s
     only: Only = EVERYTHING
     planted: str = ""
     calm: bool = False
+    strict: bool = False
 
     def run(self) -> Outcome:
         """Draw the seed's case, and run it."""
         case = case_of(self.seed, self.lasts, *self.only)
         faults = () if self.calm else case.faults
-        return run(structs.replace(case, planted=self.planted, faults=faults))
+        case = structs.replace(case, planted=self.planted, faults=faults)
+        until = frozenset(Promise) if self.planted else frozenset()
+        return run(case, until, Strict if self.strict else Checker)
 
 
 @dataclass
@@ -82,6 +91,7 @@ class Summary:
     moving_s: dict[str, float] = field(default_factory=dict)  # likewise
     sights: Counter[str] = field(default_factory=Counter)
     ends: Counter[str] = field(default_factory=Counter)  # of missions (`workload.End`)
+    needed: dict[str, Counter[str]] = field(default_factory=dict)  # seeds by excuse and promise
     variants: dict[str, Summary] = field(default_factory=dict)  # the same of each variant
     nested: bool = False  # whether it is that of a variant
     narrowed: bool = False  # whether only some kinds were selected
@@ -102,6 +112,8 @@ class Summary:
             self.moving_s[why] = self.moving_s.get(why, 0.0) + seconds
         self.sights.update(outcome.sights)
         self.ends.update(outcome.ends)
+        for excuse, promises in outcome.needed.items():
+            self.needed.setdefault(excuse, Counter()).update(promises)
         if outcome.figures:
             self.figures.setdefault(outcome.kind, []).append(outcome.figures)
         if outcome.violations:
@@ -151,6 +163,7 @@ class Summary:
             "void_contacts": self.void_contacts(),
             "moving_s": round(sum(self.moving_s.values()), 1),
             "void_share": {why: round(share, 4) for why, share in self.void_shares().items()},
+            "needed": self.needed,
             "sights": {sight.name: self.sights[sight.name] for sight in Sight},
             "never": [sight.name for sight in missing(self)],
             "violations": {promise.name: self.violations[promise.name] for promise in Promise},
@@ -259,11 +272,12 @@ def kept(
     tasks: Sequence[T],
     processes: int,
     done: Callable[[T, R], None],
+    new: Callable[[T, R], None] = lambda _task, _result: None,
 ) -> bool:
     """Apply a function of this package to tasks in processes, unless the file has the result.
 
-    Results are stored for this code. Returns False if it was interrupted. Raises OSError if the
-    file cannot be used.
+    Results are stored for this code. `done` is called with each, `new` with each that the file did
+    not have. Returns False if it was interrupted. Raises OSError if the file cannot be used.
     """
     stored = Kept(path, function, source_hash(*sorted(Path(__file__).parent.glob("*.py"))))
     known = stored.read(list(map(repr, tasks)))
@@ -272,6 +286,7 @@ def kept(
 
     def keep(task: T, result: R) -> None:
         stored.add(repr(task), result)
+        new(task, result)
         done(task, result)
 
     missing = [task for at, task in enumerate(tasks) if at not in known]

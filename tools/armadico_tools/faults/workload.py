@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import traceback
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import replace
 from enum import StrEnum
 from math import hypot
@@ -66,7 +66,7 @@ from armadico_tools.faults.observations import (
 )
 from armadico_tools.faults.plan import Case, Outcome
 from armadico_tools.faults.planted import plant
-from armadico_tools.faults.record import bounds_of
+from armadico_tools.faults.record import Bounds, bounds_of
 from armadico_tools.faults.recovery import FORGOTTEN_S
 from armadico_tools.faults.serial_tap import Orders
 from armadico_tools.faults.sightings import Sight
@@ -103,13 +103,13 @@ class End(StrEnum):
 
 
 class Workload:
-    def __init__(self, case: Case, checker: Checker | None = None) -> None:
+    def __init__(self, case: Case, checker: Callable[[Bounds], Checker] = Checker) -> None:
         self.case = case
         varied = case.variation
         scenario, options = scenario_of(case)
         serial = load_profile(scenario.robot).section == "p2os"
         skew_s = 0.0 if serial else SKEW_S
-        self.checker = checker or Checker(replace(bounds_of(scenario), skew_s=skew_s))
+        self.checker = checker(replace(bounds_of(scenario), skew_s=skew_s))
         self._clocks = Random(f"clocks/{case.seed}")
         ties = Random(f"ties/{case.seed}") if varied.ties else None
         self.rehearsal = Rehearsal(
@@ -152,12 +152,12 @@ class Workload:
         self.error: tuple[float, str] | None = None
         self._broken: set[Promise] = set()
 
-    def run(self, until: Promise | None = None) -> Outcome:
-        """Drive to the end of the case, or until a promise is broken."""
+    def run(self, until: Container[Promise] = ()) -> Outcome:
+        """Drive to the end of the case, or until one of these promises is broken."""
         self._injector.schedule(self.case.faults)
         self.mesh.call_at(1.0, self._order)
         try:
-            self.mesh.run(self.case.lasts, None if until is None else lambda: until in self._broken)
+            self.mesh.run(self.case.lasts, lambda: any(each in until for each in self._broken))
         except Exception:  # an agent that raises dies; here the run ends, with the place
             lines = traceback.format_exc().strip().splitlines()
             where = next((x.strip() for x in reversed(lines) if x.startswith("  File")), "")
@@ -182,6 +182,7 @@ class Workload:
             moving_s={why: round(s, 1) for why, s in sorted(self.checker.moving_s.items())},
             overconfident_s=round(self.checker.overconfident_s, 2),
             ends={end.name: count for end, count in sorted(self.ends.items()) if count},
+            needed=self.checker.needed(),
             sights={sight.name: self.checker.sights.counts[sight] for sight in Sight},
         )
 
@@ -438,12 +439,16 @@ def _tap_owner(owner: Owner, workload: Workload) -> None:
     vars(owner)["judge"] = tapped
 
 
-def run(case: Case, until: Promise | None = None) -> Outcome:
-    """Run a case to its end, or until a promise is broken."""
-    return Workload(case).run(until)
+def run(
+    case: Case,
+    until: Container[Promise] = (),
+    checker: Callable[[Bounds], Checker] = Checker,
+) -> Outcome:
+    """Run a case to its end, or until one of these promises is broken."""
+    return Workload(case, checker).run(until)
 
 
 def when_broken(case: Case, promise: Promise) -> float | None:
     """When a case breaks a promise (s), or None. The run ends there."""
-    found = run(case, promise).violations
+    found = run(case, (promise,)).violations
     return next((at for name, at, _ in found if name == promise.name), None)

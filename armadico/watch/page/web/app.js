@@ -51,6 +51,7 @@ link.addEventListener("change", connection);
 link.addEventListener("remark", ({ detail }) => remark(detail.text, detail.ok));
 link.addEventListener("refused", ({ detail }) => {
   connection(null, detail.why);
+  if (detail.status === 1013) remark(detail.why, false);
   if (detail.status !== 401) return;
   ask(`${detail.why[0].toUpperCase()}${detail.why.slice(1)}.`);
 });

@@ -1,6 +1,7 @@
 // The WebSocket to the server: receives data to show, and sends requests, which are answered.
 const PROTOCOL = "armadico.page";
 const AGAIN_MS = [300, 700, 1500, 3000];
+const FULL = 1013; // the server closes with it: another browser has this one's place
 const SILENT_MS = 1500; // timeout: the server sends the time every 0.5 s, whatever the robot does
 
 export function token() {
@@ -30,6 +31,8 @@ export class Link extends EventTarget {
   }
 
   async open() {
+    clearTimeout(this.timer);
+    this.timer = null;
     const known = token();
     try {
       const headers = known ? { Authorization: `Bearer ${known}` } : {};
@@ -49,7 +52,7 @@ export class Link extends EventTarget {
     this.socket = socket;
     before?.close(); // opened again with another token
     socket.onmessage = (event) => this.#receive(JSON.parse(event.data));
-    socket.onclose = () => this.#close(socket);
+    socket.onclose = (event) => this.#close(socket, event);
   }
 
   // Send a request; resolves to the answer {ok, text}. The caller repeats a stop that was not sent.
@@ -58,6 +61,7 @@ export class Link extends EventTarget {
     return new Promise((done) => {
       if (!this.up) {
         done({ ok: false, text: "NOT SENT: no connection", unsent: true });
+        if (what.do === "stop" && this.timer) this.open(); // it waits for its next attempt
         return;
       }
       this.waiting.set(id, done);
@@ -89,18 +93,23 @@ export class Link extends EventTarget {
     }
   }
 
-  #close(socket) {
+  #close(socket, { code, reason }) {
     if (socket !== this.socket) return;
     this.up = false;
     for (const done of this.waiting.values()) done({ ok: false, text: "the connection was lost before the answer: the result is not known" });
     this.waiting.clear();
     this.#notify("change");
+    if (code === FULL) {
+      this.tries = AGAIN_MS.length;
+      this.#notify("refused", { status: code, why: reason });
+    }
     this.#again();
   }
 
   #again() {
     const wait = AGAIN_MS[Math.min(this.tries++, AGAIN_MS.length - 1)];
-    setTimeout(() => this.open(), wait);
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.open(), wait);
   }
 
   #check() {
