@@ -211,7 +211,7 @@ class Clears(Rule):
         room = chart.off(way)
         if room.min() > turns - NARROW_M:
             return
-        wide = turns + APART_M
+        wide = turns + NARROW_M
         seen, (start, goal) = self._sensed.places(), map(tuple, ends.tolist())
         if joined(world.barriers, world.bounds, seen, wide, start, goal):
             at = "({:.2f}, {:.2f})".format(*way[room.argmin()])

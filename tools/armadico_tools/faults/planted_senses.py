@@ -28,7 +28,7 @@ SONAR_CYCLES, SCAN_CYCLES = 4, 3
 
 RATE: Final = 0.5
 TURNED_RAD: Final = radians(5)
-SHIFTED_M: Final = 0.15
+SHIFTED_M: Final = 0.3
 
 
 def _reads(robot: Any, sonar: Any, scan: Any) -> None:
