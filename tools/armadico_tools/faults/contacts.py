@@ -8,7 +8,7 @@ Frames: readings in the body's, poses and places in the world's; m, rad, s.
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterable
 from enum import StrEnum
 from itertools import pairwise
@@ -92,15 +92,10 @@ class Reading(NamedTuple):
 
 
 class Witness:
-    """Keeps raw readings, and judges contacts by them.
-
-    Attributes:
-        counts: The contacts judged so far, by cause.
-    """
+    """Keeps raw readings, and judges contacts by them."""
 
     def __init__(self, outline: Outline, stopping: Callable[[float], float]) -> None:
         """`stopping`: the distance that the robot needs to stop, m, from a speed, m/s."""
-        self.counts: Counter[Cause] = Counter()
         self._outline, self._stopping = outline, stopping
         self._readings: deque[Reading] = deque(maxlen=KEPT)
 
@@ -139,18 +134,18 @@ class Witness:
                 slips = self._slips(reading, counted, place)
                 slipped = slips if slipped is None else slipped
                 if shown and not slips:
-                    return self._count(Cause.SEEN)
+                    return Cause.SEEN
             if shown:
                 late = late or not slips
             elif in_view:
                 mute, altered = True, altered or reading.altered
         if slipped:
-            return self._count(Cause.SLIPPED)
+            return Cause.SLIPPED
         if late:
-            return self._count(Cause.SUDDEN if sudden else Cause.TOO_FAST)
+            return Cause.SUDDEN if sudden else Cause.TOO_FAST
         if mute:
-            return self._count(Cause.FALSE if altered else Cause.MUTE)
-        return self._count(Cause.SUDDEN if sudden else Cause.OUTSIDE)
+            return Cause.FALSE if altered else Cause.MUTE
+        return Cause.SUDDEN if sudden else Cause.OUTSIDE
 
     def _slips(self, reading: Reading, counted: Counted | None, place: Place) -> bool:
         """Whether the robot would be clear of a place had it moved since as its wheels counted."""
@@ -159,10 +154,6 @@ class Witness:
         by_wheels = compose(reading.pose, relative(reading.counted[1], counted[1]))
         x, y, _ = relative(by_wheels, (*place, 0.0))
         return self._outline.clearance(x, y) > SLIPPED_M
-
-    def _count(self, cause: Cause) -> Cause:
-        self.counts[cause] += 1
-        return cause
 
 
 def _shows(seen: Sonar | Scan, x: float, y: float) -> tuple[bool, bool]:

@@ -13,7 +13,7 @@ from armadico.observe.audit.coordination import FRESH_CYCLES
 from armadico.observe.measures import speeds
 from armadico_tools.faults.fault_types import RESTARTS, Promise
 from armadico_tools.faults.observations import Faulted, Observation, Ordered, Published
-from armadico_tools.faults.record import MOVING_M_S, MOVING_RAD_S, Bounds, Record, age
+from armadico_tools.faults.record import Bounds, Record, age, moves
 
 ROUND_M_S = 0.001
 ROUND_RAD_S = 0.0095
@@ -62,10 +62,10 @@ class Silence:
             yield f"no order for {waited:.2f} s after {last.v:.3f} m/s, {last.w:.3f} rad/s"
         yield from self._rests(seen, now)
         if isinstance(seen, Ordered):
-            moves = seen.v != 0.0 or seen.w != 0.0
-            self._order = seen if moves else None
-            self._rest_at = None if moves else self._rest_at or seen.at
-            if moves and not now.void(self.promise):
+            moving = seen.v != 0.0 or seen.w != 0.0
+            self._order = seen if moving else None
+            self._rest_at = None if moving else self._rest_at or seen.at
+            if moving and not now.void(self.promise):
                 self._match(seen, now)
         while self._unmatched and seen.at - self._unmatched[0][0].at >= self._command_delay_s:
             order, _ = self._unmatched.pop(0)
@@ -188,7 +188,6 @@ class Moving:
 
     def update(self, truth: Truth, now: Record) -> None:
         before, self._truth = self._truth, truth
-        moves = abs(truth.v) >= MOVING_M_S or abs(truth.w) >= MOVING_RAD_S
-        if before is not None and moves and truth.clearance is not None:
+        if before is not None and moves(truth.v, truth.w) and truth.clearance is not None:
             why = now.unable()
             self.seconds[why] = self.seconds.get(why, 0.0) + max(truth.t - before.t, 0.0)

@@ -14,7 +14,7 @@ from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import Pose, Truth
 from armadico_tools.faults.fault_types import SLOWS, Promise
 from armadico_tools.faults.observations import Astray, Observation, Published
-from armadico_tools.faults.record import MOVING_M_S, MOVING_RAD_S, POSES, Bounds, Record, may_be_off
+from armadico_tools.faults.record import POSES, Bounds, Record, may_be_off, moves
 
 OVERCONFIDENT_S = 5.0
 """A robot may move for this time, s, with a pose that is wrong beyond its covariance. That is about
@@ -100,8 +100,7 @@ class Localized:
         self._off_m += 2.0 * sin(min(self._off_rad - BASE_RAD, pi) / 2.0) * way
         self._off_m += way_error * way
         self._off_rad += drift_rad_m * way + turn_error * turn
-        moves = abs(truth.v) >= MOVING_M_S or abs(truth.w) >= MOVING_RAD_S
-        if self._wrong and moves:
+        if self._wrong and moves(truth.v, truth.w):
             self._overconfident_s += max(truth.t - before.t, 0.0)
         if self._slips or min(_clearance(truth), _clearance(before)) < TOUCH_M:
             dt = max(truth.t - before.t, 0.0)  # the wheels may have turned at top speed

@@ -99,6 +99,11 @@ BID_AGE_S = 0.35
 """A bid older than this does not count: three cycles, and the delay."""
 
 
+def moves(v: float, w: float) -> bool:
+    """Whether a speed counts as moving, m/s and rad/s."""
+    return abs(v) >= MOVING_M_S or abs(w) >= MOVING_RAD_S
+
+
 def may_be_off(pose: Pose) -> tuple[float, float]:
     """The error allowed by a pose's covariance, m and rad; infinite if it is lost."""
     if pose.deviation > LOST_M:
@@ -278,12 +283,12 @@ class Body:
             self._truths[state.cycle] = self.truth
             if len(self._truths) > POSES:
                 del self._truths[next(iter(self._truths))]
-        if abs(state.v) >= MOVING_M_S or abs(state.w) >= MOVING_RAD_S:
+        if moves(state.v, state.w):
             self.moved_at = now
 
     def on_truth(self, truth: Truth, now: float) -> None:
         self.truth, self.truth_at = truth, now
-        if abs(truth.v) < MOVING_M_S and abs(truth.w) < MOVING_RAD_S:
+        if not moves(truth.v, truth.w):
             self.rested_at = now
 
     def on_pose(self, pose: Pose, now: float) -> None:

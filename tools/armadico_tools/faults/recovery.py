@@ -10,7 +10,7 @@ from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import MissionState, MissionStatus, Trajectory
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.observations import Asked, Observation, Published
-from armadico_tools.faults.record import MOVING_M_S, MOVING_RAD_S, Bounds, Record
+from armadico_tools.faults.record import Bounds, Record, moves
 
 STANDS_BACK_S = 4.0
 """The longest that a holder stands back, s (`armadico.core.coordination.STAND_BACK`)."""
@@ -135,7 +135,7 @@ class Moves:
             ]
             return "no bids" if not silent else None
         order = now.owner.ordered
-        rests = order is None or (abs(order.v) < MOVING_M_S and abs(order.w) < MOVING_RAD_S)
+        rests = order is None or not moves(order.v, order.w)
         held = now.owner.state is not None and now.owner.state.stalled
         if now.owner.driven() and (held or (rests and _says_why(now))):
             return "the obeyed agent commands rest, or nearly, or a wall holds the robot"
