@@ -193,7 +193,7 @@ class Liveliness:
             self._send_token(place, other, name, instance)
 
     def _send_token(self, place: Place, other: Place, name: str, instance: str) -> None:
-        self._mesh.later(place, other, self._appear, other, (name, instance))
+        self._mesh.later(place, other, self._appear, other, (name, instance), reliable=True)
 
     def _appear(self, place: Place, what: tuple[str, str]) -> None:
         if place.alive:

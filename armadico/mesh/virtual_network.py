@@ -46,10 +46,13 @@ class Link:
         faults = replace(self.faults, cut=not up)
         self.faults = WHOLE if faults == WHOLE else faults
 
-    def arrival(self, now: float) -> float | None:
-        """Return when a message sent now arrives, s; None if it is lost."""
+    def arrival(self, now: float, *, reliable: bool = False) -> float | None:
+        """Return when a message sent now arrives, s; None if it is lost.
+
+        What is sent reliably arrives at each link that is not cut, as Zenoh's declarations do.
+        """
         faults = self.faults
-        if faults.cut or (faults.loss and self.rng.random() < faults.loss):
+        if faults.cut or (faults.loss and not reliable and self.rng.random() < faults.loss):
             return None
         at = now + faults.delay + DELAYS[int(self.rng.random() * 1024)]
         if faults is not WHOLE:

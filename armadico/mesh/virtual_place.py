@@ -161,13 +161,23 @@ class Network(Scheduler):
         raise NotImplementedError
 
     def later(
-        self, source: Place | str, target: Place, call: Step, a: object, b: object = None
+        self,
+        source: Place | str,
+        target: Place,
+        call: Step,
+        a: object,
+        b: object = None,
+        *,
+        reliable: bool = False,
     ) -> None:
-        """Schedule a call for when it has passed the network, unless it is lost."""
+        """Schedule a call for when it has passed the network, unless it is lost.
+
+        What is sent reliably is lost by cuts alone.
+        """
         sender = source if isinstance(source, str) else source.address
         if not isinstance(source, str) and not self.star.passes(source, target, (call, a, b)):
             return
-        at = self.link(sender, target.address).arrival(self.now)
+        at = self.link(sender, target.address).arrival(self.now, reliable=reliable)
         if at is not None:
             self.call_at(at, call, a, b)
 

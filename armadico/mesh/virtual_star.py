@@ -138,7 +138,7 @@ class Star:
                 self._seek(node)
             return
         for source, target, what in self._held.pop(node, ()):
-            self._mesh.later(source, target, *what)
+            self._mesh.later(source, target, *what, reliable=True)  # tokens are among them
         for place in self._mesh.others(node):
             if place.uplink is not node:
                 self._seek(place)
