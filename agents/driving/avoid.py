@@ -141,8 +141,9 @@ class Avoid(Behaviour):
             return
         if _motion(state.v, state.w) != STANDS:
             self._stood.clear()
-        elif state.capped and (motion := _motion(state.ordered.v, state.ordered.w)) != STANDS:
-            self._stood[motion] += 1
+        elif state.capped and not state.stalled:  # if it stalls it backs off already
+            motion = _motion(state.ordered.v, state.ordered.w)
+            self._stood[motion] += motion != STANDS
             if self._stood[motion] >= REFUSED_CYCLES:
                 self._stood[motion] = 0
                 self._refused[motion] = self.now + REFUSED_FOR_S
