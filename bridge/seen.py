@@ -166,6 +166,7 @@ class Seen:
         ring, laser = profile.sonar, profile.laser
         self._noise = max(0.0 if laser is None else laser.noise_m, 0.0 if ring is None else NOISE_M)
         self._least = 0.0 if ring is None else ring.min_m + NOISE_M
+        self._blind = 0.0 if laser is None else laser.min_m + 3.0 * laser.noise_m
         self._cone = 0.0 if ring is None else radians(ring.cone_deg) / 2
         # x, y in the odometry's frame, when, the direction of the sonar that hit it, and whether
         # one looked through from elsewhere since
@@ -331,6 +332,9 @@ class Seen:
         known = self._scanned
         away, shown, seen = _rays(scan, ranges, self._from_world(known[:, :2]))
         seen &= (shown < away + 3.0 * self._noise) | (self._now - known[:, 2] > BETWEEN_S)
+        # Nearer than its least range no scan shows a point again, so none refutes it: rays that
+        # pass it, or are lost, would remove it for good.
+        seen &= away > self._blind
         points = points_of(scan)
         rear, front, half = self._footprint
         own = (rear < points[:, 0]) & (points[:, 0] < front) & (np.abs(points[:, 1]) < half)

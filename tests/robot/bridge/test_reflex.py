@@ -294,6 +294,21 @@ def test_a_thin_object_stays_between_two_scans_that_show_it() -> None:
     assert speeds[-1] == 1.0, "it is gone"
 
 
+def test_what_came_nearer_than_the_least_range_of_a_laser_stays_until_it_is_farther() -> None:
+    """No scan can show it there again, and rays that pass an edge or are lost do not refute it."""
+    pytest.importorskip("armadico.bridge.ros2")
+    seen = Seen(load_profile("turtlebot3-burger"))
+    post = [0.2 if abs(index - 180) < 2 else 3.0 for index in range(360)]
+    known = []
+    for number, x in enumerate([0.0, 0.07, 0.07, 0.0, 0.0], 1):
+        ranges = post if number == 1 else [3.0] * 360
+        scan = replace(scan_of(ranges, number), x=-0.032)
+        seen.update((), scan, (x, 0.0, 0.0), 0.6 * number)
+        at = seen.view(0.3).points
+        known.append(bool((np.hypot(at[:, 0] - (0.168 - x), at[:, 1]) < 0.02).any()))
+    assert known == [True, True, True, False, False]
+
+
 def test_what_was_just_commanded_counts_though_the_wheels_do_not_show_it_yet() -> None:
     speeds = []
     for driven in ((0.0, 0.0), (1.0, 0.0)):
