@@ -52,6 +52,8 @@ def entrance(address: str, port: int, admits: Callable[[str], bool]) -> Entrance
 
     Raises OSError, OverflowError or UnicodeError if the address or the port cannot be used.
     """
+    if not 0 <= port <= 0xFFFF:  # `create_server` would leave its socket open
+        raise OverflowError("expected a port from 0 to 65535")
     family, _, _, _, where = socket.getaddrinfo(address, port, type=socket.SOCK_STREAM)[0]
     made = Entrance(fileno=socket.create_server((where[0], port), family=family).detach())
     made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVED)
