@@ -12,6 +12,7 @@ from armadico.core.discovery import AGENTS, agent_class, installed, owners
 from armadico.core.guest import IDENTITIES, Guest
 from armadico.core.installed import loaded
 from armadico.core.resources import WHEELS, Resource
+from armadico.core.services import by_people
 from armadico.keys.store import Member, name_in
 from armadico.mesh.door import (
     LAUNCHER,
@@ -29,9 +30,6 @@ from armadico.mesh.door import (
 
 GATEWAYS = (PAGE, MCP, ROS2, VIEWER)
 """Identities that each host of a table gets, besides those of its agents."""
-
-PEOPLE = ("person", "page", "guest")
-"""How the ids of programs begin by which people release a stop."""
 
 
 def of_host(
@@ -67,7 +65,7 @@ def of_agents(namespace: str, agents: Sequence[str]) -> Member:
     Raises ConfigError for an agent with a name of another kind of identity.
     """
     for name in agents:
-        taken = kind_of(name) != "agent" or name.partition("-")[0] in PEOPLE
+        taken = kind_of(name) != "agent" or by_people(name)
         if taken and WHEELS not in _owns(name):
             raise ConfigError(
                 f"an agent called {name!r} could be taken for another process, as with keys the"
