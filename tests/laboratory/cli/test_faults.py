@@ -157,8 +157,8 @@ def test_contacts_and_what_happened_are_told(
 ) -> None:
     ran = workload.run
 
-    def touched(case: Case) -> Outcome:
-        outcome = ran(replace(case, faults=()))
+    def touched(case: Case, *judged: Any) -> Outcome:
+        outcome = ran(replace(case, faults=()), *judged)
         moving = {"": 3.0, "pose": 1.0}
         return replace(outcome, contacts={"pose": 2}, moving_s=moving, ends={"FORGOTTEN": 1})
 
