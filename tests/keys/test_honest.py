@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,8 @@ SOCIETIES = {
 }
 """Commands, and the agents that they need."""
 
+OPTIONS = ("--virtual", *(("--no-plot",) if find_spec("armadico.watch") else ()))
+
 
 @pytest.mark.parametrize(("words", "needed"), SOCIETIES.values(), ids=SOCIETIES)
 def test_the_rights_cover_whatever_a_society_sends(
@@ -29,7 +32,7 @@ def test_the_rights_cover_whatever_a_society_sends(
         pytest.skip(f"not installed: {', '.join(lacking)}")
     monkeypatch.chdir(tmp_path)
     with recorded() as traffic:
-        main([*words.split(), "--virtual", "--no-plot"])
+        main([*words.split(), *OPTIONS])
     kinds = {sent.does for sent in traffic.sent}
     assert kinds == {*Does} - {Does.DELETE, Does.WATCH, Does.LOOK}  # declared by every client
     assert not traffic.refused
