@@ -331,16 +331,18 @@ class Seen:
         self._echoed = self._echoed[~gone]
         known = self._scanned
         away, shown, seen = _rays(scan, ranges, self._from_world(known[:, :2]))
-        seen &= (shown < away + 3.0 * self._noise) | (self._now - known[:, 2] > BETWEEN_S)
         # Nearer than its least range no scan shows a point again, so none refutes it: rays that
         # pass it, or are lost, would remove it for good.
-        seen &= away > self._blind
+        blind = away <= self._blind
+        old = self._now - known[:, 2] > BETWEEN_S
+        seen &= (shown < away + 3.0 * self._noise) | (old & ~blind)
         points = points_of(scan)
         rear, front, half = self._footprint
         own = (rear < points[:, 0]) & (points[:, 0] < front) & (np.abs(points[:, 1]) < half)
         points = points[~own & (np.hypot(points[:, 0], points[:, 1]) < DARK_M)]
         new = np.column_stack([self._to_world(points), np.full(len(points), self._now)])
-        self._scanned = np.concatenate([known[~seen], new])
+        kept = known[~seen & ~blind], _thinned(known[~seen & blind])
+        self._scanned = np.concatenate([*kept, new])
         self._go_on(scan, ranges)
         self._follow(scan, ranges)
 
@@ -435,8 +437,8 @@ class Seen:
 
 
 def _thinned(places: Floats) -> Floats:
-    """One place of each square of `SAME_M`."""
-    squares = np.floor(places / SAME_M) @ (1.0, 1e6)
+    """The first of the places, (n, 2 or more), in each square of `SAME_M`."""
+    squares = np.floor(places[:, :2] / SAME_M) @ (1.0, 1e6)
     return places[np.unique(squares, return_index=True)[1]]
 
 

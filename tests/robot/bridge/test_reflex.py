@@ -309,6 +309,19 @@ def test_what_came_nearer_than_the_least_range_of_a_laser_stays_until_it_is_fart
     assert known == [True, True, True, False, False]
 
 
+def test_standing_within_the_least_range_of_a_laser_it_notes_no_more_and_more() -> None:
+    pytest.importorskip("armadico.bridge.ros2")
+    seen, rng, noted = Seen(load_profile("turtlebot3-burger")), np.random.default_rng(1), []
+    for number in range(1, 201):
+        ranges = 0.17 + 0.01 * rng.standard_normal(360)
+        ranges[ranges < 0.16] = np.nan
+        ranges[rng.random(360) < 0.3] = 3.0
+        scan = replace(scan_of(ranges.tolist(), number), x=-0.032)
+        seen.update((), scan, ORIGIN, 0.2 * number)
+        noted.append(len(seen.view(0.3).points))
+    assert max(noted[100:]) < 1.5 * max(noted[10:100])
+
+
 def test_what_was_just_commanded_counts_though_the_wheels_do_not_show_it_yet() -> None:
     speeds = []
     for driven in ((0.0, 0.0), (1.0, 0.0)):
