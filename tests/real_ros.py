@@ -8,6 +8,7 @@ then the tests that want it are skipped, with the reason.
 from __future__ import annotations
 
 import hashlib
+import itertools
 import os
 import shutil
 import subprocess
@@ -20,6 +21,10 @@ import pytest
 LOCK = Path(__file__).parents[1] / "requirements" / "rclpy.txt"
 BOUND_S = 420.0
 """How long the download may take in all."""
+NOBODYS = 101
+"""A DDS domain that `own_domain` never gives; higher ones take ports that the system gives out."""
+_SHARE = 25
+_drawn = itertools.count(os.getpid())
 
 
 def _cache() -> Path:
@@ -40,6 +45,13 @@ def interpreter() -> str:
         reason = why.read_text() if why.exists() else "`make test` fetches it"
         pytest.skip(f"no rclpy here: {reason}")
     return str(python)
+
+
+def own_domain() -> int:
+    """A DDS domain from 1 to 100 that no other test has: neither one that runs now, in another of
+    four workers of pytest-xdist, nor one of the last, whose killed node is there for 20 s more."""
+    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
+    return 1 + worker % 4 * _SHARE + next(_drawn) % _SHARE
 
 
 def environment(domain: str) -> dict[str, str]:

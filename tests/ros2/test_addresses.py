@@ -7,6 +7,7 @@ import pytest
 from armadico.bridge.lines import TransportError
 from armadico.bridge.ros2.addresses import client_transport, read_address
 from armadico.bridge.ros2.samples import Address
+from tests.real_ros import NOBODYS
 
 
 @pytest.fixture(autouse=True)
@@ -64,5 +65,5 @@ def test_bad_addresses_are_rejected_with_the_reason(url: str, wrong: str) -> Non
 
 def test_an_interface_that_is_not_there() -> None:
     pytest.importorskip("cyclonedds")
-    with pytest.raises(TransportError, match="cannot join DDS domain 77"):
-        client_transport("ros2://?domain=77&interface=none7").open()
+    with pytest.raises(TransportError, match=f"cannot join DDS domain {NOBODYS}"):
+        client_transport(f"ros2://?domain={NOBODYS}&interface=none7").open()

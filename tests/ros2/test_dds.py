@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
 import json
-import os
 import subprocess
 import threading
 import time
@@ -32,14 +30,11 @@ from armadico.bridge.ros2.dds import DdsWire
 pytestmark = [pytest.mark.live, pytest.mark.timeout(180)]
 
 PEER = Path(__file__).with_name("rclpy_peer.py")
-DOMAINS = 100  # higher ones take ports that the system gives to others
-_domains = itertools.count(os.getpid() * 17)
 
 
 @pytest.fixture
 def domain() -> int:
-    """One of the test's own: a node that was killed is there for twenty seconds more."""
-    return 1 + next(_domains) % DOMAINS
+    return real_ros.own_domain()
 
 
 ODOM = Wanted("odom", "nav_msgs/msg/Odometry")

@@ -37,7 +37,6 @@ pytest.importorskip("cyclonedds", reason="armadico[ros2] is not installed")
 pytestmark = [pytest.mark.live, pytest.mark.timeout(180)]
 
 VIEWER = Path(__file__).with_name("rclpy_viewer.py")
-_domains = itertools.count(os.getpid() * 19)
 WORLD = World("w", ((0.0, 0.0, 2.0, 0.0),), (0.0, 0.0, 2.0, 1.0))
 AT = 1_700_000_000_000_000_007
 COVARIANCE = (0.1, 0.0, 0.0, 0.1, 0.0, 0.25)
@@ -136,7 +135,7 @@ def stack() -> Iterator[ExitStack]:
 
 @pytest.fixture
 def domain() -> int:
-    return 1 + next(_domains) % 100
+    return real_ros.own_domain()
 
 
 EXPECTED = {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 from collections.abc import Callable, Iterator
 from itertools import pairwise
@@ -24,7 +23,7 @@ pytestmark = [pytest.mark.live, pytest.mark.timeout(240)]
 
 DRIVER = Path(__file__).parents[2] / "ros2" / "rclpy_driver.py"
 ROBOT = DRIVER.with_name("rclpy_robot.py")  # a robot of real ROS 2, with its own physics
-DOMAIN = 1 + os.getpid() % 100
+DOMAIN = real_ros.own_domain()
 
 
 @pytest.fixture
