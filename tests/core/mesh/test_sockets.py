@@ -156,18 +156,20 @@ def test_the_folder_that_a_process_uses_counts_when_another_users_folder_goes(
 def test_a_robot_that_runs_with_another_runtime_folder_is_found(
     base: Path, monkeypatch: pytest.MonkeyPatch, deleted: bool
 ) -> None:
+    # Names of this process: the robots of the whole computer are searched.
+    lab, r2 = f"lab/r{os.getpid()}", f"r{os.getpid()}-2"
     other = Path(fresh_folder())
     here = folder()
     monkeypatch.setenv(RUNTIME_VARIABLE, str(other))
-    with locked(lock_of(socket_of("lab/r1"))), locked(share_of("r2", "desk")):
-        assert (elsewhere("lab/r1"), elsewhere("r2")) == ({}, {})
+    with locked(lock_of(socket_of(lab))), locked(share_of(r2, "desk")):
+        assert (elsewhere(lab), elsewhere(r2)) == ({}, {})
         if deleted:
             shutil.rmtree(other)
         monkeypatch.setenv(RUNTIME_VARIABLE, str(base))
         assert folder() == here
-        assert elsewhere("lab/r1") == {other / "armadico": os.getpid()}
-        assert elsewhere("r2") == {other / "armadico": os.getpid()}
-        assert elsewhere("r1") == {}
+        assert elsewhere(lab) == {other / "armadico": os.getpid()}
+        assert elsewhere(r2) == {other / "armadico": os.getpid()}
+        assert elsewhere(lab.removeprefix("lab/")) == {}
 
 
 def test_a_society_is_starting_while_its_share_is_young_and_runs(base: Path) -> None:

@@ -155,7 +155,6 @@ def test_a_browser_without_the_token_stops_the_robot_and_can_do_nothing_else(sta
         "go": {"x": 1.0, "y": 0.0},
         "stick": {"v": 1.0, "w": 0.0, "cycle": 1},
         "set": {"instance": "goto-1", "name": "v_max", "json": "1"},
-        "order": {"mission": "patrol"},
         "restart": {"agent": "goto"},
         "start": {"agent": "teleop"},
     }.items():
