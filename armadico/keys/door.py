@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cached_property, partial
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, cast
 
 from armadico.core.config_errors import ConfigError
@@ -62,12 +61,12 @@ class _User(NamedTuple):
 
 
 class _Password(NamedTuple):
-    """Reads the password for each session; equal to another one of the same file."""
+    """Reads the password for each session; equal to another one of the same identity."""
 
-    file: Path
+    identity: Identity
 
     def __call__(self) -> str:
-        return self.file.read_text(encoding="utf-8")
+        return self.identity.read_password()
 
 
 class _KeyDoor(Door):
@@ -85,7 +84,7 @@ class _KeyDoor(Door):
             f"{TLS}connect_certificate": str(identity.certificate),
             f"{TLS}connect_private_key": str(identity.private),
             f"{USER}user": _User(identity),
-            f"{USER}password": _Password(identity.password),
+            f"{USER}password": _Password(identity),
         }
         super().__init__(identity.name, settings, str(store.folder))
 

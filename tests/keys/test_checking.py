@@ -99,6 +99,40 @@ def test_a_spoilt_key_is_named(
     assert any(words in line for line in Checks(issuer.store, NOW).everything())
 
 
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [
+        ("authority.key", b""),
+        ("authority.key", create("lab", NOW).private),
+        ("passwords.key", None),
+        ("members.json", None),
+        ("robot1/goto/password", None),
+        ("robot1/goto/password", b"\xff"),
+    ],
+)
+def test_a_file_that_is_damaged_or_gone_is_named_and_all_else_is_checked(
+    issuer: Issuer, goto: Identity, name: str, data: bytes | None
+) -> None:
+    file = issuer.store.folder / name
+    if data is None:
+        file.unlink()
+    else:
+        file.write_bytes(data)
+    goto.private.chmod(0o604)
+    found = list(Checks(issuer.store, NOW).everything())
+    assert any(line.startswith(f"{goto.private}: other users") for line in found), found
+    assert any(str(file) in line or str(file.parent) + ":" in line for line in found), found
+
+
+def test_a_key_that_a_restored_list_lacks_is_named(issuer: Issuer, goto: Identity) -> None:
+    """The robot refuses it."""
+    listed = issuer.store.members()
+    del listed[goto.name]
+    issuer.store.save_members(listed)
+    found = list(Checks(issuer.store, NOW).everything())
+    assert any(f"{goto.folder}: robot1/goto is not in the list" in line for line in found), found
+
+
 @pytest.mark.parametrize("name", ["members.json", "robot1/rights.json"])
 def test_a_list_or_table_that_was_cut_is_named_and_all_else_is_checked(
     issuer: Issuer, goto: Identity, name: str

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import shutil
+from contextlib import suppress
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 
 from armadico import cli
+from armadico.keys import derived, store
+from armadico.keys.checking import Checks
 from armadico.keys.expiry import user_in
-from armadico.keys.store import MEMBERS, Store
+from armadico.keys.store import MEMBERS, Store, write_private
 
 
 def test_keys_that_exist_are_named_and_the_authority_is_left_alone(
@@ -201,3 +207,47 @@ def test_rights_are_printed_where_no_list_of_identities_is(
     for option in ("--write", "--json"):
         assert cli.main(["keys", "rights", option, *words]) == 2
         assert f"no list of identities, which {option} needs" in capsys.readouterr().err
+
+
+class KilledError(BaseException):
+    """Ends a command as a signal would."""
+
+
+def _kill_at(nth: int, patch: pytest.MonkeyPatch) -> None:
+    writes = itertools.count(1)
+
+    def write(path: Path, data: bytes) -> None:
+        if next(writes) == nth:
+            raise KilledError
+        write_private(path, data)
+
+    for module in (store, derived):
+        patch.setattr(module, "write_private", write)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("init", "--person", "olga"), ("init", "--anew", "--person", "olga"), ("agent", "laser")],
+)
+def test_a_command_that_was_killed_before_any_file_can_be_repeated(
+    lab: Lab, words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def faults(keys: Store) -> list[str]:
+        return [*Checks(keys, datetime.now(UTC)).everything()]
+
+    before, there = lab.folder / "before", lab.folder / "there"
+    shutil.copytree(lab.store.folder, before)
+    for nth in (1, 2, 3, 4, 5, 6, 9):
+        shutil.rmtree(lab.store.folder)
+        if words[:2] != ("init", "--person"):
+            shutil.copytree(before, lab.store.folder)
+        with monkeypatch.context() as patch:
+            _kill_at(nth, patch)
+            with suppress(KilledError):
+                lab.keys(*words)
+        if not faults(lab.store):  # then what it gives out is right, too
+            lab.keys("host", "lab2", "--out", str(there))
+            assert faults(Store(there)) == [], nth
+            shutil.rmtree(there)
+        lab.keys(*words)
+        assert faults(lab.store) == [], nth
