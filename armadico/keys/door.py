@@ -17,7 +17,7 @@ from armadico.core.services import VOID
 from armadico.keys.asking import refresh
 from armadico.keys.expiry import ending, user_in
 from armadico.keys.store import MEMBERS, Identity, Store, stamp
-from armadico.mesh.door import ACCESS, TLS, USER, Door
+from armadico.mesh.door import ACCESS, ROBOT, TLS, USER, Door
 
 if TYPE_CHECKING:
     from armadico.config.endpoints import Endpoints
@@ -162,7 +162,13 @@ class _KeyDoor(Door):
     def doubts(self, labels: Sequence[Sequence[str]]) -> Sequence[str]:
         from armadico.keys.derived import doubts
 
-        return tuple(doubts(self._store, self._identity.namespace, labels))
+        found = [*doubts(self._store, self._identity.namespace, labels)]
+        robot = self._store.identity(self._identity.namespace, ROBOT)
+        if robot.certificate.exists():  # this is the robot's computer
+            from armadico.keys.checking import Checks
+
+            found += Checks(self._store, datetime.now(UTC)).of(robot)
+        return found
 
     def _rights(self) -> Table | None:
         """The table of rights, which is in each archive of keys; None if it cannot be read."""

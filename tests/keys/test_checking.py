@@ -1,14 +1,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
 
+from armadico.config.endpoints import Endpoints
 from armadico.keys.authority import Pair, create, issue
 from armadico.keys.checking import Checks
 from armadico.keys.derived import doubts
+from armadico.keys.door import open_door
 from armadico.keys.issuing import Issuer
 from armadico.keys.members import of_agents
 from armadico.keys.store import Identity
@@ -175,3 +177,15 @@ def test_on_the_robots_computer_a_key_that_the_router_does_not_know_is_named(
     issuer.store.users("robot1")
     (line,) = Checks(issuer.store, NOW).on_socket(goto)
     assert "does not know this key" in line
+
+
+@pytest.mark.parametrize("name", ["authority.pem", "robot1/robot/certificate.pem"])
+def test_ps_and_doctor_name_what_lets_nobody_in_on_the_robots_computer(
+    tmp_path: Path, name: str
+) -> None:
+    table, issuer = lab_in(tmp_path, datetime.now(UTC))
+    door = open_door(Endpoints(namespace="robot1", table=table, name="lab1"), "goto")
+    assert list(door.doubts(())) == []
+    file = issuer.store.folder / name
+    file.write_text("x")
+    assert any(str(file) in line for line in door.doubts(()))

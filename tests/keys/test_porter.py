@@ -15,6 +15,7 @@ import pytest
 from armadico.keys.authority import Pair, create
 from armadico.keys.link import LARGEST
 from armadico.keys.porter import LINKS_OF_A_NAME
+from armadico.keys.store import Member
 from armadico.mesh.ports import LOOPBACK
 
 from .labs import NAMESPACE, Lab, named
@@ -49,9 +50,17 @@ STRANGERS: dict[str, Callable[[Lab], Pair | None]] = {
     "no common name": lambda lab: named(lab.pair),
     "two common names": lambda lab: named(lab.pair, f"{NAMESPACE}/goto", f"{NAMESPACE}/avoid"),
     "another society's": lambda lab: lab.pair_of("robot2/goto", full=True),
+    "a member's of another society of this lab": lambda lab: _beside(lab, "robot2/goto"),
     "no member": lambda lab: lab.pair_of("gothrough"),
     "a robot's name": lambda lab: lab.pair_of("goto/robot"),
 }
+
+
+def _beside(lab: Lab, name: str) -> Pair:
+    member = Member(name, "agent", ("goto",))
+    lab.issuer.give([member], "lab2", lab.store, datetime.now(UTC))
+    found = lab.store.of(name)
+    return Pair(found.certificate.read_bytes(), found.private.read_bytes())
 
 
 @pytest.mark.parametrize("kind", STRANGERS)
@@ -63,6 +72,12 @@ def test_a_stranger_reaches_no_router(door: Door, kind: str) -> None:
         assert not works(link)
     assert works(door.connect())
     assert router.received == b"hello"
+
+
+def test_before_tls_1_3_nobody_gets_a_link(door: Door) -> None:
+    """A session that is resumed shows no certificate, and `num_tickets` is of TLS 1.3 alone."""
+    with pytest.raises(ssl.SSLError):
+        door.connect(newest=ssl.TLSVersion.TLSv1_2)
 
 
 def test_plain_tcp_and_noise_reach_no_router(door: Door) -> None:
