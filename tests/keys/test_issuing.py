@@ -264,3 +264,15 @@ def test_an_authority_that_was_replaced_meanwhile_issues_nothing(tmp_path: Path)
     with pytest.raises(ConfigError, match="meanwhile"):
         issuer.renew([goto], NOW)
     assert goto.certificate.read_bytes() == before
+
+
+def test_the_robots_certificate_alone_is_a_routers(tmp_path: Path) -> None:
+    """A member with another one could pose as the robot before other computers."""
+    table, issuer = lab_in(tmp_path)
+    lab2 = Store(tmp_path / "lab2")
+    addresses = table.host("lab1").addresses
+    members = of_host(table, "lab2", "robot1", ["anna"])
+    issuer.give(members, "lab2", lab2, NOW, addresses=addresses)
+    issuer.renew(issuer.store.identities(), NOW, addresses=addresses)
+    found = [*issuer.store.identities(), *lab2.identities()]
+    assert {each.last for each in found if facts(each.certificate.read_bytes()).server} == {"robot"}
