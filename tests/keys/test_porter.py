@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 
 import pytest
 
+from armadico.keys.admission import Admission
 from armadico.keys.authority import Pair, create
 from armadico.keys.link import LARGEST
 from armadico.keys.porter import LINKS_OF_A_NAME
@@ -50,17 +51,9 @@ STRANGERS: dict[str, Callable[[Lab], Pair | None]] = {
     "no common name": lambda lab: named(lab.pair),
     "two common names": lambda lab: named(lab.pair, f"{NAMESPACE}/goto", f"{NAMESPACE}/avoid"),
     "another society's": lambda lab: lab.pair_of("robot2/goto", full=True),
-    "a member's of another society of this lab": lambda lab: _beside(lab, "robot2/goto"),
     "no member": lambda lab: lab.pair_of("gothrough"),
     "a robot's name": lambda lab: lab.pair_of("goto/robot"),
 }
-
-
-def _beside(lab: Lab, name: str) -> Pair:
-    member = Member(name, "agent", ("goto",))
-    lab.issuer.give([member], "lab2", lab.store, datetime.now(UTC))
-    found = lab.store.of(name)
-    return Pair(found.certificate.read_bytes(), found.private.read_bytes())
 
 
 @pytest.mark.parametrize("kind", STRANGERS)
@@ -72,6 +65,14 @@ def test_a_stranger_reaches_no_router(door: Door, kind: str) -> None:
         assert not works(link)
     assert works(door.connect())
     assert router.received == b"hello"
+
+
+def test_a_member_of_another_society_of_this_lab_is_no_member(lab: Lab) -> None:
+    member = Member("robot2/goto", "agent", ("goto",))
+    lab.issuer.give([member], "lab2", lab.store, datetime.now(UTC))
+    admission = Admission(NAMESPACE, lab.store)
+    assert admission.refusal(f"{NAMESPACE}/goto") == ""
+    assert "robot2/goto" in admission.refusal("robot2/goto")
 
 
 def test_before_tls_1_3_nobody_gets_a_link(door: Door) -> None:
