@@ -26,13 +26,13 @@ class Options:
     mesh: options.Mesh = group(options.Mesh, "the mesh")
 
 
-def _unseen(told: Stopped | None) -> None:
+def _unseen(told: Stopped | None, *, joined: bool) -> None:
     """Report what is known of a stop while no state of the robot confirms it."""
     if told is not None and told.latched:
+        why = "so its controller does not answer" if joined else "as this command has no link"
         options.report(
             f"the robot agent (process {told.pid}) has latched the stop; no state of the robot"
-            " arrives, so its controller does not answer, and it is not known whether the wheels"
-            " rest. Still waiting"
+            f" arrives, {why}, and it is not known whether the wheels rest. Still waiting"
         )
 
 
@@ -69,7 +69,11 @@ def latch(args: Options, *, stopped: bool, code: str | None = None) -> int:
             if guard is not None and not mesh.wait_joined(min(options.JOIN_S, args.timeout)):
                 raise AbsentError("the guard alone has the stop")
             if stopped:
-                client.stop(args.timeout, by="armadico stop", unseen=lambda: _unseen(told))
+                client.stop(
+                    args.timeout,
+                    by="armadico stop",
+                    unseen=lambda: _unseen(told, joined=mesh.wait_joined(0.0)),
+                )
             else:
                 client.resume(args.timeout, by="armadico resume", code=code)
         except AbsentError:

@@ -113,10 +113,10 @@ def renewed(
         from armadico.keys.issuing import Issuer  # slow, and seldom needed
 
         issuer = Issuer.of(store)
-        certificate = issuer.again(
-            identity.certificate.read_bytes(), datetime.fromtimestamp(wall(), UTC)
-        )
-        write_private(identity.certificate, certificate)
+        with store.changing():  # a command may replace the key meanwhile
+            present = identity.certificate.read_bytes()
+            certificate = issuer.again(present, datetime.fromtimestamp(wall(), UTC))
+            write_private(identity.certificate, certificate)
         return
     reasons = []
     for endpoint in [end for end in endpoints if end.startswith("tls/")]:

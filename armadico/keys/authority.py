@@ -65,14 +65,12 @@ class Facts:
     Attributes:
         name: Its common name (`common_name`): with several it could be taken for any.
         begins, ends: When it is valid, UTC.
-        serial: Its serial number.
         server: Whether it is a router's.
     """
 
     name: str
     begins: datetime
     ends: datetime
-    serial: int
     server: bool
 
 
@@ -147,7 +145,6 @@ def facts(certificate: bytes) -> Facts:
         common_name(found),
         found.not_valid_before_utc,
         found.not_valid_after_utc,
-        found.serial_number,
         server,
     )
 

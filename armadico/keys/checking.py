@@ -40,7 +40,9 @@ class Checks:
         try:
             self._store.check()
             if self._store.issues:
-                check_private(self._store.authority_key)
+                from armadico.keys.issuing import Issuer  # imports all agents
+
+                Issuer.of(self._store)
         except ConfigError as error:
             yield str(error)
         listed: Mapping[str, Member] = {}
@@ -51,9 +53,11 @@ class Checks:
         for identity in self._store.identities():
             found = True
             yield from self.of(identity)
-            yield from self._revoked(identity, listed.get(identity.name))
+            if listed:
+                yield from self._revoked(identity, listed)
         if not found:
-            yield f"{self._store.folder} has no identity: {self._remedy()}"
+            verb = "init" if self._store.issues else "host"
+            yield f"{self._store.folder} has no identity: `armadico keys {verb}` makes them"
         yield from self._rights(listed)
 
     def _rights(self, listed: Mapping[str, Member]) -> Iterator[str]:
@@ -75,21 +79,23 @@ class Checks:
                     " agent may: add `provides`, `receives` or `competes_for`"
                 )
 
-    def _revoked(self, identity: Identity, member: Member | None) -> Iterator[str]:
+    def _revoked(self, identity: Identity, listed: Mapping[str, Member]) -> Iterator[str]:
         """Whether an identity of this computer is void, where the list of identities is."""
-        if member is None:
-            return
-        user = self._store.user_with(identity.password.read_text(encoding="utf-8"), member)
+        member = listed.get(identity.name, Member(identity.name, ""))
         try:
+            user = self._store.user_with(identity.read_password(), member)
             said = facts(identity.certificate.read_bytes()).name
-        except KeyFileError:
+        except ConfigError as error:
+            yield str(error)
+            return
+        except (OSError, KeyFileError):
             return  # `of` names it
         if user == said:
             return
         if user:  # of a folder of before issues had numbers
             yield f"{identity.certificate} does not tell its issue: {self._remedy()}"
             return
-        why = why_void(said, {member.name: member})
+        why = why_void(said, listed)
         yield f"{identity.folder}: {why or f'its password is not that of {said}: {ANEW}'}"
 
     def of(self, identity: Identity) -> Iterator[str]:
@@ -103,8 +109,9 @@ class Checks:
             return
         file = self._store.authority
         try:
+            todo = "restore it from an archive of keys, or `armadico keys init --anew`"
             yield from self._times(file, facts(authority), "`armadico keys init --anew`")
-            file = identity.certificate
+            file, todo = identity.certificate, self._remedy()
             about = facts(certificate)
             yield from self._times(file, about, self._remedy())
             if name_in(about.name) != identity.name:
@@ -112,11 +119,11 @@ class Checks:
                 yield f"{file} is of {named}, not of {identity.name}: {self._remedy()}"
             if not is_issued_by(certificate, authority):
                 yield f"{file} is not of the authority in {self._store.authority}: {self._remedy()}"
-            file = identity.private
+            file, todo = identity.private, ANEW
             if not is_pair(certificate, private):
                 yield f"{file} is not the key of its certificate: {self._remedy()}"
         except KeyFileError as error:
-            yield f"{file} {error}: {self._remedy()}"
+            yield f"{file} {error}: {todo}"
 
     def on_socket(self, identity: Identity) -> Iterator[str]:
         """What is wrong with an identity, for a link by the socket on the robot's computer."""
@@ -125,7 +132,7 @@ class Checks:
         try:
             known = users.read_text(encoding="utf-8").splitlines()
             user = user_in(identity.certificate.read_bytes())
-            line = f"{user}:{identity.password.read_text(encoding='utf-8')}"
+            line = f"{user}:{identity.read_password()}"
         except (OSError, ValueError):
             return
         if line not in known:

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cached_property, partial
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, cast
 
 from armadico.core.config_errors import ConfigError
@@ -18,7 +17,7 @@ from armadico.core.services import VOID
 from armadico.keys.asking import refresh
 from armadico.keys.expiry import ending, user_in
 from armadico.keys.store import MEMBERS, Identity, Store, stamp
-from armadico.mesh.door import ACCESS, TLS, USER, Door
+from armadico.mesh.door import ACCESS, ROBOT, TLS, USER, Door
 
 if TYPE_CHECKING:
     from armadico.config.endpoints import Endpoints
@@ -62,12 +61,12 @@ class _User(NamedTuple):
 
 
 class _Password(NamedTuple):
-    """Reads the password for each session; equal to another one of the same file."""
+    """Reads the password for each session; equal to another one of the same identity."""
 
-    file: Path
+    identity: Identity
 
     def __call__(self) -> str:
-        return self.file.read_text(encoding="utf-8")
+        return self.identity.read_password()
 
 
 class _KeyDoor(Door):
@@ -85,7 +84,7 @@ class _KeyDoor(Door):
             f"{TLS}connect_certificate": str(identity.certificate),
             f"{TLS}connect_private_key": str(identity.private),
             f"{USER}user": _User(identity),
-            f"{USER}password": _Password(identity.password),
+            f"{USER}password": _Password(identity),
         }
         super().__init__(identity.name, settings, str(store.folder))
 
@@ -163,7 +162,13 @@ class _KeyDoor(Door):
     def doubts(self, labels: Sequence[Sequence[str]]) -> Sequence[str]:
         from armadico.keys.derived import doubts
 
-        return tuple(doubts(self._store, self._identity.namespace, labels))
+        found = [*doubts(self._store, self._identity.namespace, labels)]
+        robot = self._store.identity(self._identity.namespace, ROBOT)
+        if robot.certificate.exists():  # this is the robot's computer
+            from armadico.keys.checking import Checks
+
+            found += Checks(self._store, datetime.now(UTC)).of(robot)
+        return found
 
     def _rights(self) -> Table | None:
         """The table of rights, which is in each archive of keys; None if it cannot be read."""

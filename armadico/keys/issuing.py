@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import tarfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -21,10 +22,11 @@ from armadico.keys.authority import (
     certificate_key,
     facts,
     is_issued_by,
+    is_pair,
     issue,
     public_of,
 )
-from armadico.keys.derived import derive_again, file_of, load, save
+from armadico.keys.derived import derive, file_of, load, save
 from armadico.keys.store import (
     ANEW,
     Identity,
@@ -56,7 +58,7 @@ class Issuer:
 
     @staticmethod
     def of(found: Store, hours: float = CLIENT_HOURS) -> Issuer:
-        """The authority of a folder. Raises ConfigError if its key is not there."""
+        """The authority of a folder. Raises ConfigError if its key is not there, or another's."""
         if not found.issues:
             raise ConfigError(
                 f"{found.authority_key} is missing: run this on the computer on which `armadico"
@@ -65,14 +67,33 @@ class Issuer:
         found.check()
         check_private(found.authority_key)
         pair = Pair(found.authority.read_bytes(), found.authority_key.read_bytes())
+        try:
+            why = "" if is_pair(pair.certificate, pair.private) else "do not belong together"
+        except KeyFileError:
+            why = "cannot both be read"
+        if why:
+            raise ConfigError(
+                f"{found.authority} and {found.authority_key} {why}: restore both from a copy, or"
+                " make another authority with `armadico keys init --anew`"
+            )
         return Issuer(found, pair, hours)
+
+    @contextmanager
+    def _changing(self) -> Iterator[None]:
+        """`Store.changing`, unless another command has made a new authority. Raises ConfigError."""
+        with self.store.changing():
+            if self.store.authority.read_bytes() != self.pair.certificate:
+                raise ConfigError(
+                    f"another command has replaced {self.store.authority} meanwhile; run this again"
+                )
+            yield
 
     def list_all(self, members: Mapping[str, Iterable[Member]]) -> None:
         """List the identities of holders, also those that are issued later.
 
         The router admits listed ones, so it need not open its session anew then.
         """
-        with self.store.changing():
+        with self._changing():
             listed = self.store.members()
             now = dict(listed)
             for holder, of_holder in members.items():
@@ -101,7 +122,7 @@ class Issuer:
         Raises ConfigError for a name that no certificate can have.
         """
         known = tuple(addresses)
-        with self.store.changing():
+        with self._changing():
             listed = self.store.members()
             given = {member.name: _listed(member, listed, holder) for member in members}
             users = {name: member.user(holder) for name, member in given.items()}
@@ -110,9 +131,9 @@ class Issuer:
                 given[name] = member.with_issue(made)
             pairs = [self._issue(users[name], _server(given[name]), now, known) for name in given]
             self._list(listed, listed | given)
-        for member, pair in zip(given.values(), pairs, strict=True):
-            password = self.store.password(users[member.name])
-            into.save(member, pair.certificate, pair.private, password)
+            for member, pair in zip(given.values(), pairs, strict=True):
+                password = self.store.password(users[member.name])
+                into.save(member, pair.certificate, pair.private, password)
         if into.folder != self.store.folder:
             into.copy(self.store, robots=any(map(_server, given.values())))
             for namespace in {member.namespace for member in given.values()}:
@@ -120,12 +141,16 @@ class Issuer:
         return tuple(given.values())
 
     def _list(self, before: Mapping[str, Member], now: Mapping[str, Member]) -> None:
-        """List the members, and derive the rights of namespaces with other agents."""
-        self.store.save_members(now)
+        """List the members, and derive the rights of namespaces with other agents.
+
+        The rights are written first: after an interruption the list still lacks the agents, so the
+        next command derives them again.
+        """
         for namespace in sorted({member.namespace for member in now.values()}):
             other = _agents(before, namespace) != _agents(now, namespace)
             if other or not file_of(self.store, namespace).exists():
-                derive_again(self.store, namespace)
+                save(self.store, namespace, derive(now.values(), namespace))
+        self.store.save_members(now)
 
     def renew(
         self, identities: Iterable[Identity], now: datetime, *, addresses: Iterable[str] = ()
@@ -136,22 +161,23 @@ class Issuer:
         cannot be renewed.
         """
         known = tuple(addresses)
-        listed = self.store.members()
         renewed: list[str] = []
         refused: list[str] = []
-        for identity in identities:
-            try:
-                user = self._renewable(identity, listed)
-                public = public_of(identity.private.read_bytes())
-            except (ConfigError, OSError) as error:
-                refused.append(str(error))
-            except KeyFileError as error:
-                refused.append(f"{identity.private} {error}: `armadico keys host` makes a new one")
-            else:
-                member = listed[identity.name]
-                pair = self._issue(user, _server(member), now, known, public)
-                self.store.save(member, pair.certificate, b"", self.store.password(user))
-                renewed.append(identity.name)
+        with self._changing():
+            listed = self.store.members()
+            for identity in identities:
+                try:
+                    user = self._renewable(identity, listed)
+                    public = public_of(identity.private.read_bytes())
+                except (ConfigError, OSError) as error:
+                    refused.append(str(error))
+                except KeyFileError as error:
+                    refused.append(f"{identity.private} {error}: {ANEW}")
+                else:
+                    member = listed[identity.name]
+                    pair = self._issue(user, _server(member), now, known, public)
+                    self.store.save(member, pair.certificate, b"", self.store.password(user))
+                    renewed.append(identity.name)
         return renewed, refused
 
     def again(self, certificate: bytes, now: datetime) -> bytes:
@@ -178,7 +204,7 @@ class Issuer:
         The password tells it: certificates of older folders have no number.
         """
         member = members.get(identity.name, Member(identity.name, ""))
-        user = self.store.user_with(identity.password.read_text(encoding="utf-8"), member)
+        user = self.store.user_with(identity.read_password(), member)
         if not user:
             said = facts(identity.certificate.read_bytes()).name
             why = why_void(said, members)
@@ -187,7 +213,7 @@ class Issuer:
 
     def revoke(self, users: Iterable[str], now: datetime) -> list[str]:
         """Revoke issues by their user names; returns those that were not revoked before."""
-        with self.store.changing():
+        with self._changing():
             listed = self.store.members()
             new: list[str] = []
             for user in users:

@@ -136,7 +136,7 @@ def why_void(user: str, members: Mapping[str, Member]) -> str:
     """Return why the keys of a user name do not count, by the list of identities; "" if they do."""
     member = members.get(name_in(user))
     if member is None:
-        return f"{user} is not in the list of identities"
+        return f"{user} is not in the list of identities: {ANEW}"
     if user in member.users:
         return ""
     for each in member.issues:
@@ -172,6 +172,10 @@ class Identity:
     @property
     def password(self) -> Path:
         return self.folder / PASSWORD
+
+    def read_password(self) -> str:
+        """Return the password; that of a damaged file is a wrong one. Raises OSError."""
+        return self.password.read_text(encoding="utf-8", errors="replace")
 
     @property
     def users(self) -> Path:
@@ -297,14 +301,19 @@ class Store:
         return frozenset(user for member in own for user in member.void)
 
     def members_here(self) -> dict[str, Member]:
-        """Every identity by name where the list is; none on other computers."""
-        return self.members() if (self.folder / MEMBERS).exists() else {}
+        """Every identity by name where the list is; none on other computers.
+
+        Raises ConfigError if it is missing beside the secret of the passwords, which needs it.
+        """
+        lists = any((self.folder / name).exists() for name in (MEMBERS, SECRET, AUTHORITY_KEY))
+        return self.members() if lists else {}
 
     @contextmanager
     def changing(self) -> Iterator[None]:
-        """Keep other commands from changing the list of identities meanwhile.
+        """Keep other commands from changing the list of identities and the keys meanwhile.
 
-        Otherwise one that makes keys could write the list of before a revocation.
+        Otherwise one that makes keys could write the list of before a revocation, and two could
+        leave the private key of one with the certificate of the other.
         """
         folder = os.open(self.folder, os.O_RDONLY)
         try:
@@ -355,15 +364,19 @@ class Store:
             write_private(self.folder / name, (other.folder / name).read_bytes())
 
     def begin(self, certificate: bytes, private: bytes) -> None:
-        """Write a new authority and the secret of all passwords."""
+        """Write a new authority and the secret of all passwords.
+
+        Its certificate is the last file: without it, all is begun again after an interruption.
+        """
         import secrets
 
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         check_private(self.folder)
-        write_private(self.authority_key, private)
-        write_private(self.folder / SECRET, secrets.token_bytes(32))
-        write_private(self.authority, certificate)
-        self.save_members({})
+        with self.changing():
+            write_private(self.authority_key, private)
+            write_private(self.folder / SECRET, secrets.token_bytes(32))
+            self.save_members({})
+            write_private(self.authority, certificate)
 
 
 def admits(member: Member, namespace: str) -> bool:
@@ -388,7 +401,7 @@ def _member(row: dict[str, Any]) -> Member:
 
 
 def check_private(path: Path) -> None:
-    """Raise ConfigError if other users can read a file, or it belongs to another one."""
+    """Raise ConfigError if a file cannot be read, or others than its user can read it."""
     try:
         found = path.stat()
     except OSError as error:

@@ -74,13 +74,19 @@ class Door:
         return router
 
     def connect(
-        self, pair: Pair | None = None, name: str = "goto", *, asks: bool = False
+        self,
+        pair: Pair | None = None,
+        name: str = "goto",
+        *,
+        asks: bool = False,
+        newest: ssl.TLSVersion = ssl.TLSVersion.MAXIMUM_SUPPORTED,
     ) -> ssl.SSLSocket:
         """Connect with a certificate, by default the one of an identity in the lab's folder.
 
-        `asks`: as a client that asks for a new certificate.
+        `asks`: as a client that asks for a new certificate. `newest`: of the client's TLS.
         """
         context = ssl.create_default_context(cafile=str(self.lab.store.authority))
+        context.maximum_version = newest
         if asks:
             context.set_alpn_protocols([RENEWAL])
         if pair is not None:

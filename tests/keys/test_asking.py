@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 
 from armadico.core.config_errors import ConfigError
 from armadico.keys import authority
 from armadico.keys.asking import ask, renewed
+from armadico.keys.door import _KeyDoor
 from armadico.keys.expiry import LINKS, ending, validity
+from armadico.keys.renewing import Renewing
 from armadico.keys.store import Identity, Store, write_private
+from armadico.mesh.zenoh import ZenohMesh
 
 from .labs import NAMESPACE, Lab
 from .porters import Door, works
@@ -49,6 +54,29 @@ def test_the_validity_that_is_read_without_the_library_is_the_certificates(lab: 
     assert validity(certificate).life == pytest.approx(DAY)
     with pytest.raises(ValueError, match="no certificate"):
         validity(b"-----BEGIN CERTIFICATE-----\nAAAA\n-----END CERTIFICATE-----\n")
+
+
+def test_a_days_certificate_is_renewed_in_its_last_third_and_announced_in_its_last_hour(
+    lab: Lab,
+) -> None:
+    identity = lab.store.identity(NAMESPACE, "goto")
+    ends = validity(identity.certificate.read_bytes()).ends
+    clock = [ends - 0.34 * DAY]
+    mesh = SimpleNamespace(
+        where=SimpleNamespace(door=_KeyDoor(lab.store, identity), connect=()),
+        joined_at="unixsock-stream/x",
+        wait_joined=lambda _: True,
+    )
+    renewing = Renewing(cast("ZenohMesh", mesh), wall=lambda: clock[0])
+    renewing.close()
+    assert renewing.step()
+    assert validity(identity.certificate.read_bytes()).ends == ends
+    clock[0] = ends - 0.33 * DAY
+    assert renewing.step()
+    assert validity(identity.certificate.read_bytes()).ends > ends
+    assert validity(identity.certificate.read_bytes()).announce_at == pytest.approx(
+        clock[0] + DAY - 3600.0, abs=1.0
+    )
 
 
 def test_the_porter_renews_a_present_certificate(door: Door, tmp_path: Path) -> None:

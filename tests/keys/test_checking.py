@@ -1,14 +1,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
 
+from armadico.config.endpoints import Endpoints
 from armadico.keys.authority import Pair, create, issue
 from armadico.keys.checking import Checks
 from armadico.keys.derived import doubts
+from armadico.keys.door import open_door
 from armadico.keys.issuing import Issuer
 from armadico.keys.members import of_agents
 from armadico.keys.store import Identity
@@ -99,6 +101,40 @@ def test_a_spoilt_key_is_named(
     assert any(words in line for line in Checks(issuer.store, NOW).everything())
 
 
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [
+        ("authority.key", b""),
+        ("authority.key", create("lab", NOW).private),
+        ("passwords.key", None),
+        ("members.json", None),
+        ("robot1/goto/password", None),
+        ("robot1/goto/password", b"\xff"),
+    ],
+)
+def test_a_file_that_is_damaged_or_gone_is_named_and_all_else_is_checked(
+    issuer: Issuer, goto: Identity, name: str, data: bytes | None
+) -> None:
+    file = issuer.store.folder / name
+    if data is None:
+        file.unlink()
+    else:
+        file.write_bytes(data)
+    goto.private.chmod(0o604)
+    found = list(Checks(issuer.store, NOW).everything())
+    assert any(line.startswith(f"{goto.private}: other users") for line in found), found
+    assert any(str(file) in line or str(file.parent) + ":" in line for line in found), found
+
+
+def test_a_key_that_a_restored_list_lacks_is_named(issuer: Issuer, goto: Identity) -> None:
+    """The robot refuses it."""
+    listed = issuer.store.members()
+    del listed[goto.name]
+    issuer.store.save_members(listed)
+    found = list(Checks(issuer.store, NOW).everything())
+    assert any(f"{goto.folder}: robot1/goto is not in the list" in line for line in found), found
+
+
 @pytest.mark.parametrize("name", ["members.json", "robot1/rights.json"])
 def test_a_list_or_table_that_was_cut_is_named_and_all_else_is_checked(
     issuer: Issuer, goto: Identity, name: str
@@ -141,3 +177,15 @@ def test_on_the_robots_computer_a_key_that_the_router_does_not_know_is_named(
     issuer.store.users("robot1")
     (line,) = Checks(issuer.store, NOW).on_socket(goto)
     assert "does not know this key" in line
+
+
+@pytest.mark.parametrize("name", ["authority.pem", "robot1/robot/certificate.pem"])
+def test_ps_and_doctor_name_what_lets_nobody_in_on_the_robots_computer(
+    tmp_path: Path, name: str
+) -> None:
+    table, issuer = lab_in(tmp_path, datetime.now(UTC))
+    door = open_door(Endpoints(namespace="robot1", table=table, name="lab1"), "goto")
+    assert list(door.doubts(())) == []
+    file = issuer.store.folder / name
+    file.write_text("x")
+    assert any(str(file) in line for line in door.doubts(()))

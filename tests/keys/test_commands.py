@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import re
+import shutil
+from contextlib import suppress
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 
 from armadico import cli
+from armadico.keys import derived, store
+from armadico.keys.checking import Checks
 from armadico.keys.expiry import user_in
-from armadico.keys.store import MEMBERS, Store
+from armadico.keys.store import MEMBERS, Store, write_private
 
 
 def test_keys_that_exist_are_named_and_the_authority_is_left_alone(
@@ -114,7 +121,7 @@ def test_nothing_of_a_revoked_computer_counts_and_the_others_drive_and_stop(lab:
     out = lab.keys("revoke", "lab2")
     (line,) = [line for line in out.splitlines() if line.startswith("lab2 loses ")]
     assert "goto," in line
-    assert "`armadico keys host lab2`" in line
+    assert "`armadico keys host lab2 --person olga`" in line
     assert out.index(line) < out.index("r/goto@1 is revoked")
     assert lab.count("lab2") == set()
     assert {holder: lab.count(holder) for holder in others} == others
@@ -160,7 +167,7 @@ def test_shared_keys_of_an_older_folder_are_revoked_once_the_other_computers_hav
     assert "r/goto:" in shared == admitted()
     out = lab.keys("revoke", "lab2", code=2)
     for host in ("lab1", "desk"):
-        assert f"new keys for it: `armadico keys host {host}`" in out
+        assert f"`armadico keys host {host} --person olga`" in out
     assert "nothing was revoked" in out
     assert "--yes" in out
     assert admitted() == shared
@@ -201,3 +208,91 @@ def test_rights_are_printed_where_no_list_of_identities_is(
     for option in ("--write", "--json"):
         assert cli.main(["keys", "rights", option, *words]) == 2
         assert f"no list of identities, which {option} needs" in capsys.readouterr().err
+
+
+class KilledError(BaseException):
+    """Ends a command as a signal would."""
+
+
+def _kill_at(nth: int, patch: pytest.MonkeyPatch) -> None:
+    writes = itertools.count(1)
+
+    def write(path: Path, data: bytes) -> None:
+        if next(writes) == nth:
+            raise KilledError
+        write_private(path, data)
+
+    for module in (store, derived):
+        patch.setattr(module, "write_private", write)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("init", "--person", "olga"), ("init", "--anew", "--person", "olga"), ("agent", "laser")],
+)
+def test_a_command_that_was_killed_before_any_file_can_be_repeated(
+    lab: Lab, words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def faults(keys: Store) -> list[str]:
+        return [*Checks(keys, datetime.now(UTC)).everything()]
+
+    before, there = lab.folder / "before", lab.folder / "there"
+    shutil.copytree(lab.store.folder, before)
+    for nth in (1, 2, 3, 4, 5, 6, 9):
+        shutil.rmtree(lab.store.folder)
+        if words[:2] != ("init", "--person"):
+            shutil.copytree(before, lab.store.folder)
+        with monkeypatch.context() as patch:
+            _kill_at(nth, patch)
+            with suppress(KilledError):
+                lab.keys(*words)
+        if not faults(lab.store):  # then what it gives out is right, too
+            lab.keys("host", "lab2", "--out", str(there))
+            assert faults(Store(there)) == [], nth
+            shutil.rmtree(there)
+        lab.keys(*words)
+        assert faults(lab.store) == [], nth
+
+
+def test_the_printed_commands_make_what_each_computer_and_archive_lost(lab: Lab) -> None:
+    lab.keys("agent", "laser", "dock", "--out", str(lab.folder / "laser"))
+    lab.keys("agent", "laser")
+    lab.keys("person", "ben")
+    for name in ("laser", "dock+laser", "person-ben", "person-olga", "page", "person-anna"):
+        before = [each for each in _valid(lab.store) if each[0].endswith(f"/{name}")]
+        for words in re.findall(r"`armadico keys ([^`]*)`", _losses(lab.keys("revoke", name))):
+            out = str(lab.folder / f"{name}-{words.replace(' ', '-')}")
+            elsewhere = ["--out", out] if words.startswith("host") and "lab1" not in words else []
+            lab.keys(*words.replace("FILE", out).split(), *elsewhere)
+        assert [each for each in _valid(lab.store) if each[0].endswith(f"/{name}")] == before
+
+
+def _losses(out: str) -> str:
+    return "\n".join(line for line in out.splitlines() if " loses " in line)
+
+
+def _valid(store: Store) -> list[tuple[str, str]]:
+    """The identities that count, and what has their keys."""
+    return sorted(
+        (member.name, holder)
+        for member in store.members().values()
+        for issue in member.users.values()
+        if issue.given
+        for holder in issue.holders
+    )
+
+
+def test_what_was_revoked_before_is_no_unknown_name(lab: Lab) -> None:
+    lab.keys("revoke", "lab2")
+    assert "r/goto@1 was revoked before, 20" in lab.keys("revoke", "lab2")
+    assert "no identity or host" in lab.keys("revoke", "lab3", code=2)
+
+
+def test_who_revokes_a_person_of_the_robots_computer_is_not_sent_to_what_is_refused(
+    lab: Lab,
+) -> None:
+    out = lab.keys("revoke", "person-olga")
+    lines = [line for line in out.splitlines() if "had a key on" in line]
+    assert len(lines) == 3
+    assert not [line for line in lines if "keys revoke lab1" in line]
+    lab.keys("revoke", "lab1", code=2)

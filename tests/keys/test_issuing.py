@@ -1,10 +1,14 @@
 from __future__ import annotations
 
+import fcntl
 import json
+import os
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from datetime import timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,8 +19,8 @@ from armadico.keys.checking import Checks
 from armadico.keys.expiry import user_in
 from armadico.keys.issuing import Issuer, archive
 from armadico.keys.members import kind_of, of_agents, of_host, of_table
-from armadico.keys.store import MEMBERS, Member, Store, user_of
-from tests.keys.labs import NOW, lab_in, revoke
+from armadico.keys.store import MEMBERS, Identity, Member, Store, user_of
+from tests.keys.labs import NOW, authority_in, lab_in, revoke
 
 
 def test_a_table_gives_each_process_an_identity(tmp_path: Path) -> None:
@@ -227,3 +231,48 @@ def test_an_archive_is_private_and_so_is_what_it_unpacks(tmp_path: Path) -> None
 def test_no_agent_gets_the_identity_of_another_kind_of_process(name: str) -> None:
     with pytest.raises(ConfigError, match=f"an agent called '{name}' could be taken for another"):
         of_agents("robot1", (name,))
+
+
+def test_keys_are_written_while_no_other_command_writes_some(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Otherwise two could leave the private key of one with the certificate of the other."""
+    table, issuer = lab_in(tmp_path)
+    save, free = Store.save, list[str]()
+
+    def look(store: Store, member: Member, *rest: Any) -> Identity:
+        folder = os.open(issuer.store.folder, os.O_RDONLY)
+        with suppress(BlockingIOError):
+            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            free.append(member.name)
+        os.close(folder)
+        return save(store, member, *rest)
+
+    monkeypatch.setattr(Store, "save", look)
+    issuer.give(of_host(table, "lab1", "robot1", ["anna"]), "lab1", issuer.store, NOW)
+    assert issuer.renew(issuer.store.identities(), NOW)[0]
+    assert free == []
+
+
+def test_an_authority_that_was_replaced_meanwhile_issues_nothing(tmp_path: Path) -> None:
+    table, issuer = lab_in(tmp_path)
+    authority_in(tmp_path / "keys")
+    goto = issuer.store.of("robot1/goto")
+    before = goto.certificate.read_bytes()
+    with pytest.raises(ConfigError, match="meanwhile"):
+        issuer.give(of_host(table, "lab1", "robot1", ["anna"]), "lab1", issuer.store, NOW)
+    with pytest.raises(ConfigError, match="meanwhile"):
+        issuer.renew([goto], NOW)
+    assert goto.certificate.read_bytes() == before
+
+
+def test_the_robots_certificate_alone_is_a_routers(tmp_path: Path) -> None:
+    """A member with another one could pose as the robot before other computers."""
+    table, issuer = lab_in(tmp_path)
+    lab2 = Store(tmp_path / "lab2")
+    addresses = table.host("lab1").addresses
+    members = of_host(table, "lab2", "robot1", ["anna"])
+    issuer.give(members, "lab2", lab2, NOW, addresses=addresses)
+    issuer.renew(issuer.store.identities(), NOW, addresses=addresses)
+    found = [*issuer.store.identities(), *lab2.identities()]
+    assert {each.last for each in found if facts(each.certificate.read_bytes()).server} == {"robot"}

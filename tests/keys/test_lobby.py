@@ -10,6 +10,7 @@ from armadico.keys.lobby import (
     MOST,
     MOST_OF_A_SOURCE,
     RATE_HZ,
+    RATE_OF_STRANGERS_HZ,
     Lobby,
 )
 
@@ -77,6 +78,25 @@ def test_handshakes_of_a_source_are_rationed_and_those_that_succeed_cost_half() 
     lobby.enter("one more", "honest", 1.0)
     lobby.ready("one more")
     assert lobby.next(1.0) is None
+
+
+def test_of_a_source_the_newest_is_served_first_as_it_is_the_last_to_give_up() -> None:
+    lobby = Lobby[str]()
+    for name in ("old", "new"):
+        lobby.enter(name, "x", 0.0)
+        lobby.ready(name)
+    assert served(lobby, 0.0) == ["new", "old"]
+
+
+def test_strangers_from_many_addresses_share_one_ration_and_named_ones_do_not_wait() -> None:
+    lobby = Lobby[str](frozenset(["robot"]))
+    for n in range(MOST):
+        lobby.enter(f"{n}", f"s{n}", 0.0)
+        lobby.ready(f"{n}")
+    assert len(served(lobby, 0.0)) == RATE_OF_STRANGERS_HZ
+    lobby.enter("member", "robot", 0.0)
+    lobby.ready("member")
+    assert served(lobby, 0.0) == ["member"]
 
 
 def test_the_next_turn_comes_as_soon_as_it_can_do_something() -> None:

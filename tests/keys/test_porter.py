@@ -12,9 +12,11 @@ from datetime import UTC, datetime
 
 import pytest
 
+from armadico.keys.admission import Admission
 from armadico.keys.authority import Pair, create
 from armadico.keys.link import LARGEST
 from armadico.keys.porter import LINKS_OF_A_NAME
+from armadico.keys.store import Member
 from armadico.mesh.ports import LOOPBACK
 
 from .labs import NAMESPACE, Lab, named
@@ -63,6 +65,20 @@ def test_a_stranger_reaches_no_router(door: Door, kind: str) -> None:
         assert not works(link)
     assert works(door.connect())
     assert router.received == b"hello"
+
+
+def test_a_member_of_another_society_of_this_lab_is_no_member(lab: Lab) -> None:
+    member = Member("robot2/goto", "agent", ("goto",))
+    lab.issuer.give([member], "lab2", lab.store, datetime.now(UTC))
+    admission = Admission(NAMESPACE, lab.store)
+    assert admission.refusal(f"{NAMESPACE}/goto") == ""
+    assert "robot2/goto" in admission.refusal("robot2/goto")
+
+
+def test_before_tls_1_3_nobody_gets_a_link(door: Door) -> None:
+    """A session that is resumed shows no certificate, and `num_tickets` is of TLS 1.3 alone."""
+    with pytest.raises(ssl.SSLError):
+        door.connect(newest=ssl.TLSVersion.TLSv1_2)
 
 
 def test_plain_tcp_and_noise_reach_no_router(door: Door) -> None:

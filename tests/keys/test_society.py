@@ -17,7 +17,7 @@ from armadico.mesh.ports import free_port
 from armadico.mesh.sockets import RUNTIME_VARIABLE
 from armadico.mesh.topology import HOSTS_VARIABLE, NAMESPACE_VARIABLE
 from armadico.mobile.messages import Pose, Trajectory
-from tests.programs import Done, call, starter
+from tests.programs import Done, Start, call, starter
 
 pytestmark = pytest.mark.live
 
@@ -55,6 +55,13 @@ def run2() -> Iterator[str]:
         yield folder
 
 
+def _up(start: Start, host: str, table: Path) -> None:
+    """Start a host's share of the society; return once it is up."""
+    up = start("up", "sc1", "--hosts", str(table), "--host", host)
+    assert up.stdout is not None
+    assert f"{host} is up" in up.stdout.readline(), up.communicate()
+
+
 @pytest.mark.long
 def test_a_society_with_keys_needs_no_further_option(folder: Path, run2: str) -> None:
     table, keys2 = folder / "lab.toml", folder / "lab2" / "keys"
@@ -72,12 +79,8 @@ def test_a_society_with_keys_needs_no_further_option(folder: Path, run2: str) ->
         return done
 
     with starter(env=here) as start, starter(env=elsewhere) as start_elsewhere:
-        first = start("up", "sc1", "--hosts", str(table), "--host", "lab1")
-        assert first.stdout is not None
-        assert "lab1 is up" in first.stdout.readline(), first.communicate()
-        second = start_elsewhere("up", "sc1", *of_lab2, "--host", "lab2")
-        assert second.stdout is not None
-        assert "lab2 is up" in second.stdout.readline(), second.communicate()
+        _up(start, "lab1", table)
+        _up(start_elsewhere, "lab2", folder / "lab2" / "lab.toml")
 
         # On the robot's computer by its socket, without the table; elsewhere by TLS.
         for words, env in (((), here), (of_lab2, elsewhere)):
@@ -124,12 +127,8 @@ def test_a_revoked_computer_is_out_while_the_robot_drives_on_and_a_desk_stops_it
     elsewhere = here | {RUNTIME_VARIABLE: run2}
     of_lab2, of_desk = (("--hosts", str(folder / h / "lab.toml")) for h in ("lab2", "desk"))
     with starter(env=here) as start, starter(env=elsewhere) as start_elsewhere:
-        first = start("up", "sc1", "--hosts", str(table), "--host", "lab1")
-        assert first.stdout is not None
-        assert "lab1 is up" in first.stdout.readline(), first.communicate()
-        second = start_elsewhere("up", "sc1", *of_lab2, "--host", "lab2")
-        assert second.stdout is not None
-        assert "lab2 is up" in second.stdout.readline(), second.communicate()
+        _up(start, "lab1", table)
+        _up(start_elsewhere, "lab2", folder / "lab2" / "lab.toml")
         with armadico.connect("closed") as guest:
 
             def alive() -> list[str]:
@@ -155,9 +154,7 @@ def test_a_revoked_computer_is_out_while_the_robot_drives_on_and_a_desk_stops_it
 def test_a_mission_outlives_its_interface_agent(folder: Path) -> None:
     """Its successor is given the state that it signed."""
     with starter(env=dict(os.environ)) as start:
-        up = start("up", "sc1", "--hosts", str(folder / "lab.toml"), "--host", "lab1")
-        assert up.stdout is not None
-        assert up.stdout.readline()
+        _up(start, "lab1", folder / "lab.toml")
         with armadico.connect("closed") as guest:
             authors: list[str] = []
             guest.listen(Trajectory, then=lambda *_: authors.append(guest.key.rpartition("/")[2]))

@@ -145,3 +145,9 @@ def test_long_names_of_hosts_and_users_stay_different() -> None:
         names = {named(long + str(number)) for number in range(10)}
         assert len(names) == 10
         assert all(len(name) <= LONGEST_NAME for name in names)
+
+
+def test_keys_of_numbers_that_are_listed_no_more_are_void() -> None:
+    """In older folders only the newest one was listed, and a key that was revoked had another."""
+    member = Member("r1/goto", "agent", issues=(Issue(1, ("a",), revoked="2030-01-01"), Issue(3)))
+    assert member.void == {"r1/goto", "r1/goto@1", "r1/goto@2"}

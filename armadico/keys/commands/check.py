@@ -29,7 +29,7 @@ def run(args: Options) -> int:
 
     store = args.society.store
     checks = Checks(store, now())
-    faults = [*checks.everything(), *_missing(args.society, store)]
+    faults = [*dict.fromkeys((*checks.everything(), *_missing(args.society, store)))]
     soon = [line for each in store.identities() if (line := checks.expiring(each))]
     if args.json:
         print(json.dumps(faults + soon, indent=2))

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from armadico.cli.options import UsageError
 from armadico.cli.parsing import Command, argument, flag, group
 from armadico.core.errors import UnknownNameError
 from armadico.keys.commands.common import AUTHORITY, Society, now
-from armadico.keys.store import MEMBERS, Issue, Member
+from armadico.keys.store import MEMBERS, Issue, Member, user_of
 from armadico.mesh.door import PERSON, ROBOT
+
+if TYPE_CHECKING:
+    from armadico.config.endpoints import Endpoints
 
 EXAMPLES: Final = """\
   armadico keys revoke person-anna     anna's key on each computer, and all that her archive holds
@@ -58,8 +61,15 @@ def run(args: Options) -> int:
     from armadico.keys.issuing import Issuer
 
     issuer = Issuer.of(args.society.store)
-    members, namespace = issuer.store.members(), args.society.where.namespace
-    chosen = {key.user: key for n in args.names for key in _meant(n, namespace, members)}
+    where = args.society.where
+    members, namespace = issuer.store.members(), where.namespace
+    chosen: dict[str, Key] = {}
+    before: list[Key] = []
+    for name in args.names:
+        meant = _meant(name, namespace, members)
+        valid = {key.user: key for key in meant if not key.issue.revoked}
+        chosen |= valid
+        before += () if valid else meant
     if any(key.member.kind == ROBOT for key in chosen.values()):
         # Without a new authority the other computers would go on trusting it.
         raise UsageError(
@@ -68,14 +78,15 @@ def run(args: Options) -> int:
         )
     named = {full for name in args.names for full in (name, f"{namespace}/{name}")}
     others = set[str]()
-    ends: dict[str, list[str]] = {}
+    ends: dict[str, list[Key]] = {}
     for key in chosen.values():
         for holder in key.losers:
-            ends.setdefault(holder, []).append(key.last)
+            ends.setdefault(holder, []).append(key)
             if holder not in args.names and not key.is_of(named):
                 others.add(holder)
-    for holder, names in sorted(ends.items()):
-        print(f"{holder} loses {', '.join(sorted(names))}; new keys for it: {_anew(holder)}")
+    for holder, keys in sorted(ends.items()):
+        lost = ", ".join(sorted(key.last for key in keys))
+        print(f"{holder} loses {lost}; new keys for it: {_anew(holder, keys, where)}")
     if others and not args.yes:
         raise UsageError(
             f"nothing was revoked: processes on {', '.join(sorted(others))} would end, too. Make"
@@ -84,40 +95,66 @@ def run(args: Options) -> int:
         )
     for user in issuer.revoke(chosen, now()):
         print(f"{user} is revoked")
+    for key in before:
+        print(f"{key.user} was revoked before, {key.issue.revoked}")
     print(f"the robot refuses it once its computer has this list: {issuer.store.folder / MEMBERS}")
+    robots = {
+        each for m in members.values() if m.kind == ROBOT for i in m.issues for each in i.holders
+    }
     for key in chosen.values():
         for holder in {*key.issue.holders} - {*args.names, key.last}:
             if key.member.kind == "person":
+                verb = "init --anew" if holder in robots else f"revoke {holder}"
                 print(
                     f"{key.last} had a key on {holder}, whose other keys stay valid, such as the"
-                    f" page's: `armadico keys revoke {holder}` revokes them, too"
+                    f" page's: `armadico keys {verb}` ends them, too"
                 )
     return 0
 
 
 def _meant(name: str, namespace: str, members: Mapping[str, Member]) -> list[Key]:
-    """The keys of a name that count: an identity's and its archive's, a host's, or one key."""
+    """The keys of a name: an identity's and its archive's, a host's, or one key.
+
+    Raises UnknownNameError if there are none.
+    """
     full, found = {name, f"{namespace}/{name}"}, list[Key]()
     known = set[str]()
     for member in members.values():
         known |= {member.name}
-        for user, issue in member.users.items():
+        for issue in member.issues:
             known |= {*issue.holders}
-            key = Key(user, member, issue)
+            key = Key(user_of(member.name, issue.number), member, issue)
             if key.is_of(full) or name.rpartition("/")[2] in issue.holders:
                 found.append(key)
     if not found:
-        raise UnknownNameError("identity or host with keys that count", name, known)
+        raise UnknownNameError("identity or host with keys", name, known)
     return found
 
 
-def _anew(holder: str) -> str:
-    """The command that makes new keys for a holder."""
-    if holder == AUTHORITY:
-        return "`armadico keys init`"
+def _anew(holder: str, keys: Sequence[Key], where: Endpoints) -> str:
+    """The commands that make new keys for a holder that loses some."""
+    from armadico.keys.members import of_host
+
     if holder.startswith(PERSON):
         return f"`armadico keys person {holder.removeprefix(PERSON)} --out FILE`"
-    return f"`armadico keys host {holder}`"
+    agents = {key.last for key in keys if key.member.kind == "agent"}
+    if holder in agents:  # the archive of `armadico keys agent`
+        return f"`armadico keys agent {holder.replace('+', ' ')} --out FILE`"
+    made = set[str]()
+    if where.table is not None and holder in where.table.hosts:
+        made = {each.name for each in of_host(where.table, holder, where.namespace, ())}
+        agents = {key.last for key in keys if key.last in agents and key.member.name not in made}
+    own = (
+        [f"armadico keys agent {name.replace('+', ' ')}" for name in sorted(agents)] if made else []
+    )
+    persons = [key.last.removeprefix(PERSON) for key in keys if key.member.kind == "person"]
+    verb = "init" if holder == AUTHORITY else f"host {holder}"
+    if persons or len(own) < len(keys):
+        own.insert(
+            0,
+            " ".join([f"armadico keys {verb}", *(f"--person {user}" for user in sorted(persons))]),
+        )
+    return ", ".join(f"`{command}`" for command in own)
 
 
 COMMAND: Final = Command(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import socket
+import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -21,7 +22,16 @@ from websockets.typing import Origin, Subprotocol
 from armadico.mesh.ports import LOOPBACK
 from armadico.watch.page import server
 from armadico.watch.page.guard import PROTOCOL, Guard, subprotocol
-from armadico.watch.page.server import CONNECTIONS, MOST, WAITING, Server, ServerError, web_files
+from armadico.watch.page.server import (
+    CONNECTIONS,
+    MOST,
+    REQUESTS,
+    REQUESTS_HZ,
+    WAITING,
+    Server,
+    ServerError,
+    web_files,
+)
 
 SOON = 20.0
 TOKEN = "0123456789abcdef0123"
@@ -223,6 +233,27 @@ def test_a_source_that_opens_many_browsers_without_the_token_is_refused_alone(
     assert False in iter(opens, None)
     assert opens(subprotocol(TOKEN))
     assert opens(source_address=("127.0.0.2", 0))
+
+
+def test_browsers_of_many_computers_without_the_token_share_a_ration(
+    locked: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "is_loopback", lambda _: False)
+    sources = ((f"127.0.1.{n}", 0) for n in range(1, 255))
+    assert False in (_opens(locked, source_address=source) for source in sources)
+    assert _opens(locked, subprotocol(TOKEN), source_address=("127.0.2.1", 0))
+
+
+def test_requests_of_a_browser_without_the_token_wait_for_their_ration(locked: Place) -> None:
+    opened = locked.open()
+    assert _hello(opened) == "hello"
+    more = 4
+    began = time.monotonic()
+    for _ in range(int(REQUESTS) + more):
+        opened.send("{}")
+    for _ in range(int(REQUESTS) + more):
+        assert json.loads(opened.recv(SOON))["type"] == "answer"
+    assert time.monotonic() - began > (more - 1) / REQUESTS_HZ - 0.1
 
 
 def test_a_browser_without_a_place_gets_a_stop_through_and_is_told_why(locked: Place) -> None:
