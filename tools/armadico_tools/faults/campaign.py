@@ -6,6 +6,7 @@ import json
 import shlex
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Final
@@ -196,12 +197,14 @@ def run_planted(args: Options) -> int:
     only = Only(args.kind, args.scenario, given.robot, given.variant)
     among(only.variant, only.scenario, only.robot)  # raises here, not in a worker
 
+    outcomes: dict[series.Task, Outcome] = {}
+
     def done(task: series.Task, outcome: Outcome) -> None:
-        found[task.planted].add(outcome)
+        outcomes[task] = outcome
 
     complete, batches = True, [[seed] for seed in seeds] if given.once else [[*seeds]]
     for batch in batches:
-        left = [each for each in names if not (given.once and found[each].found)]
+        left = [each for each in names if not (each and given.once and found[each].found)]
         if not any(left):
             break
         # Faults excuse a robot from much, so every second seed is without.
@@ -211,6 +214,10 @@ def run_planted(args: Options) -> int:
             for each in left
         ]
         complete = _continue(args, tasks, done)
+        for task, outcome in outcomes.items():
+            alone = outcomes.get(replace(task, planted="")) if task.planted else None
+            found[task.planted].add(outcome, alone)
+        outcomes.clear()
         if not complete:
             break
     if args.series.json:

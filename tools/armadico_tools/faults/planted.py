@@ -490,10 +490,12 @@ class Found:
     by: Counter[str] = field(default_factory=Counter)
     first_s: list[float] = field(default_factory=list)
 
-    def add(self, outcome: Outcome) -> None:
+    def add(self, outcome: Outcome, alone: Outcome | None = None) -> None:
+        """Add a seed. What the product itself, `alone`, breaks so soon shows no defect."""
         self.seeds += 1
-        if outcome.violations:
-            promise, at, _ = min(outcome.violations, key=lambda each: each[1])
+        known = () if alone is None else alone.violations
+        promise, at, _ = min(outcome.violations, key=lambda each: each[1], default=("", 0.0, ""))
+        if promise and not any(each == promise and when <= at for each, when, _ in known):
             self.found += 1
             self.by[promise] += 1
             self.first_s.append(at)
