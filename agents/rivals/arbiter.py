@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import ClassVar, Final
+from typing import ClassVar, Final, cast
 
 from armadico.core.agent import Agent, Identity, Parameters
 from armadico.core.exchange import Bid
@@ -94,7 +94,7 @@ class Arbiter(Agent, hooks=("decide",)):
             p = self._proposals[instance]
             if self._age(p, message) > COUNTS or p.utility is None or WHEELS.fault(p.action):
                 continue
-            v, w = WHEELS.unpack(p.action)
+            v, w = cast("Speeds", WHEELS.unpack(p.action))
             name = instance.rpartition("-")[0] or instance
             found.setdefault(name, Wish(instance, p.utility, (v, w), p.critical))
         if not found:

@@ -329,7 +329,10 @@ class RunWatch:
 
     @property
     def holder(self) -> str | None:
-        """The agent that drives, by award where an arbiter drives; None if there is none or the run has not begun."""
+        """The agent that drives; None if there is none or the run has not begun.
+
+        Where an arbiter drives it is the agent to which it awards most.
+        """
         driver = self.view.lead(WHEELS.name, self.now) if self.begun else None
         return None if driver is None else agent_of(driver)
 
