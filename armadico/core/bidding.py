@@ -73,18 +73,14 @@ class Bidding:
 
     def turn(self, message: Any) -> None:
         """Bid, if a message that the agent reacts to starts a turn."""
-        if self._agent.begins(self.resource, message) and self._begins_turn(message):
-            self.begin(message)
+        if self._agent.begins(self.resource, message):
+            self.take(message)
 
     def take(self, message: Any) -> None:
         """Bid now for the cycle of a message, at most once per cycle."""
         if self._begins_turn(message):
-            self.begin(message)
-
-    def begin(self, message: Any) -> None:
-        """Bid for the cycle of a message."""
-        bid, desk = self._bid(message), self._desk
-        self._send(self.contender.bid(message.cycle, bid, desk.now, desk.oldest_input()))
+            bid, desk = self._bid(message), self._desk
+            self._send(self.contender.bid(message.cycle, bid, desk.now, desk.oldest_input()))
 
     def _begins_turn(self, message: Any) -> bool:
         """Return whether a message starts a turn: one per cycle, none for an older cycle."""
