@@ -34,6 +34,7 @@ class Wish:
     utility: float
     action: Speeds
     critical: bool = False
+    within: float | None = None  # longest transition to it, s
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +97,7 @@ class Arbiter(Agent, hooks=("decide",)):
                 continue
             v, w = cast("Speeds", WHEELS.unpack(p.action))
             name = instance.rpartition("-")[0] or instance
-            found.setdefault(name, Wish(instance, p.utility, (v, w), p.critical))
+            found.setdefault(name, Wish(instance, p.utility, (v, w), p.critical, p.within))
         if not found:
             self.why = "no agent proposes anything"
             return None

@@ -13,6 +13,8 @@ from armadico.core.mechanisms import Mechanism
 from armadico.core.messages import Message
 from armadico.core.resources import WHEELS, Resource
 
+LONGEST_S: Final = 60.0  # of a transition that a message carries
+
 
 class Proposer:
     """Publishes each bid as a proposal. It never claims the resource and never commands."""
@@ -47,7 +49,9 @@ class Proposer:
         name = self.resource.name
         if bid is None:
             return [m.Proposal(name, cycle, self.instance)]
-        return [m.Proposal(name, cycle, self.instance, bid.utility, bid.critical, bid.packed)]
+        within = None if bid.within is None else min(max(bid.within, 0.0), LONGEST_S)
+        rank = bid.utility, bid.critical
+        return [m.Proposal(name, cycle, self.instance, *rank, bid.packed, within)]
 
     def on_message(self, message: Message, now: float) -> list[Message]:  # noqa: ARG002
         """Store an award of the arbiter that the owner obeys; before any, of any arbiter."""

@@ -288,6 +288,7 @@ class Proposal(Message, frozen=True):
     utility: Share | None = None
     critical: bool = False
     action: Action = ()
+    within: Annotated[float, Meta(ge=0, le=60)] | None = None  # s, longest transition to it
 
 
 class Award(Message, frozen=True):
