@@ -34,6 +34,7 @@ FOLDERS: Final = {
     "slam": "agents/slam",
     "missions": "agents/missions",
     "fleet": "agents/fleet",
+    "rivals": "agents/rivals",
     "ros2": "bridge/ros2",
     "watch": "armadico/watch",
     "contracts": "armadico/contracts",

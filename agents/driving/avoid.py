@@ -15,7 +15,7 @@ from armadico.core.exchange import Bid
 from armadico.core.messages import Point, RobotState
 from armadico.core.parameters import TURN_MARGIN_M, Safety
 from armadico.core.resources import WHEELS
-from armadico.mobile.behaviour import Behaviour
+from armadico.mobile.behaviour import MOSTLY, Behaviour
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import Pose
 from armadico.mobile.obstacles import Obstacles
@@ -137,7 +137,7 @@ class Avoid(Behaviour):
     def on_robot_state(self, state: RobotState) -> None:
         """Note which of its motions the robot agent refuses."""
         super().on_robot_state(state)
-        if state.driver != self.instance:
+        if not self.drives(WHEELS, state.driver):
             return
         if _motion(state.v, state.w) != STANDS:
             self._stood.clear()
@@ -178,7 +178,7 @@ class Avoid(Behaviour):
             utility = 1.0
         self._unlatch(pose)
         if utility <= 0.0:
-            if not self.holds(WHEELS):
+            if self.share(WHEELS) < MOSTLY:
                 self.why = "nothing in the way"
                 return None
             return Bid(0.0, self._onward(scene, way.heading, v), reason="the way is free")
@@ -203,7 +203,7 @@ class Avoid(Behaviour):
         While avoid holds the wheels this counts at any angle. Otherwise it would release them after
         turning away, and the next holder would turn back. Before, obstacles far aside do not count.
         """
-        limit_angle = self.p.let_go if self.holds(WHEELS) else self.p.u_heading_low
+        limit_angle = self.p.let_go if self.share(WHEELS) >= MOSTLY else self.p.u_heading_low
         if abs(way.heading) > limit_angle:
             return inf
         turned = _rotated(points, way.heading)
@@ -346,7 +346,7 @@ class Avoid(Behaviour):
     def _unlatch(self, pose: Pose) -> None:
         """Clear the side once the passed obstacle is far behind and avoid does not hold."""
         away = hypot(pose.x - self._side_at[0], pose.y - self._side_at[1])
-        if self._side and not self.holds(WHEELS) and away > 1.0:
+        if self._side and self.share(WHEELS) < MOSTLY and away > 1.0:
             self._side = 0.0
 
     def _turn_on_the_spot(self, scene: Scene, heading: float) -> tuple[float, float]:

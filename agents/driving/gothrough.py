@@ -17,7 +17,7 @@ from armadico.core.exchange import Bid
 from armadico.core.messages import Point
 from armadico.core.parameters import Safety
 from armadico.core.resources import WHEELS
-from armadico.mobile.behaviour import Behaviour
+from armadico.mobile.behaviour import MOSTLY, Behaviour
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import Pose, Waypoint
 from armadico.mobile.motion import Speeds
@@ -110,7 +110,7 @@ class Gothrough(Behaviour):
     def _none(self, why: str) -> Bid | None:
         """No bid; a holder offers the wheels while they still turn."""
         self.why = why
-        if not self.holds(WHEELS):
+        if self.share(WHEELS) < MOSTLY:
             return None
         if self.p.rules == "safe":
             obstacles = self.latest(Obstacles)
@@ -159,7 +159,7 @@ class Gothrough(Behaviour):
             # Of the wanted arc: of a slower robot, which turns as fast, it would be another one, so
             # the holder would release as soon as it is slowed down.
             free = free_path(obstacles.points, v, w, self.body.outline, p.safety.margin_m)
-            if free < (KEEPS * p.clear_m if self.holds(WHEELS) else p.clear_m):
+            if free < (KEEPS * p.clear_m if self.share(WHEELS) >= MOSTLY else p.clear_m):
                 return self._none(f"only {free:.2f} m of free way")
         if brisk:
             v = unhurried(v, w, self.scene(obstacles), p.safety)
@@ -169,7 +169,7 @@ class Gothrough(Behaviour):
         return Bid(utility, (v, w), reason=f"{utility:.2f} at {alpha:.2f} rad")
 
     def _brisk(self, alpha: float, pose: Pose) -> Speeds:
-        before = self._commanded if self.holds(WHEELS) else self.measured
+        before = self._commanded if self.share(WHEELS) >= MOSTLY else self.measured
         soon = self._driver.soon(pose, self.measured, before)
         off = alpha - wrap(soon.theta - pose.theta)
         return self._driver.toward(off, soon, self.route, before, self.body.cycle_s)

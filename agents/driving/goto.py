@@ -16,7 +16,7 @@ from armadico.core import agent
 from armadico.core.exchange import Bid
 from armadico.core.parameters import Safety
 from armadico.core.resources import WHEELS
-from armadico.mobile.behaviour import CREEP_M, Behaviour
+from armadico.mobile.behaviour import CREEP_M, MOSTLY, Behaviour
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import Pose, Waypoint
 from armadico.mobile.motion import Body, Speeds
@@ -149,7 +149,7 @@ class Goto(Behaviour):
         return self._controller.settings.fast.v * min(max(share, self.p.calm_least), 1.0)
 
     def _ramp_start(self) -> tuple[float, float]:
-        return self._commanded if self.holds(WHEELS) else self.measured
+        return self._commanded if self.share(WHEELS) >= MOSTLY else self.measured
 
     def _ahead(self, pose: Pose, obstacles: Obstacles) -> list[Waypoint]:
         """What to steer along: the remaining waypoints, or points on the line between them."""

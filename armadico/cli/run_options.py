@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 STARTING: Final = {
     *("--virtual", "--seed", "--controller", "--parameters", "--set", "--exchange"),
+    *("--coordination", "--told"),
     *("--redundant", "--runs", "--robot", "--profile", "--sensors", "--unseen", "--world"),
     "--together",
 }

@@ -8,7 +8,7 @@ no socket, thread, clock or sleep.
 
 The modules of figure 3.6: internal state is the subclass's attributes and `latest`; collaboration
 is `reacts_to`, `needs`, `receives`, `provides`, `answers` and `queries`; goal is `bid` and the
-handlers; competition is `competes_for`; coordination is one `Contender` per resource; helper
+handlers; competition is `competes_for`; coordination is one `Mechanism` per resource; helper
 methods are here.
 """
 
@@ -161,6 +161,22 @@ class Agent(Individual):
     def holds(self, resource: Resource) -> bool:
         """Return whether the agent holds the resource, by its own state."""
         return self.kernel.bidding(resource).contender.holding
+
+    def share(self, resource: Resource) -> float:
+        """Return how much of the resource's command is this agent's, 0 to 1.
+
+        By ballots it is 1 for the holder. With an arbiter it is what the last award says, or what
+        `social.told` sets.
+        """
+        return self.kernel.bidding(resource).contender.share
+
+    def drives(self, resource: Resource, instance: str) -> bool:
+        """Return whether an instance's commands carry this agent's bids."""
+        return self.kernel.bidding(resource).contender.speaker == instance
+
+    def take_turn(self, resource: Resource, message: Message) -> None:
+        """Bid now for the cycle of a message; at most once per cycle."""
+        self.kernel.bidding(resource).take(message)
 
     def acked(self, resource: Resource) -> m.Ack | None:
         """Return the last acknowledgement of the resource's owner."""

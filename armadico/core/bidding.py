@@ -6,10 +6,10 @@ from math import isfinite
 from typing import Any, Final
 
 from armadico.core import messages as m
-from armadico.core.coordination import COMPARISONS, Contender
 from armadico.core.cycles import CycleClock
 from armadico.core.desk import Desk
-from armadico.core.exchange import EXCHANGES, Bid
+from armadico.core.exchange import Bid
+from armadico.core.mechanisms import Mechanism, contender
 from armadico.core.messages import Message
 from armadico.core.outgoing import ERROR, WARNING, Publish, Refused
 from armadico.core.resources import Resource
@@ -24,17 +24,9 @@ class Bidding:
         self._desk = desk
         self._agent = agent = desk.agent
         self.resource = resource
-        social, period = agent.p.social, resource.period_s
+        period = resource.period_s
         self.clock = desk.cycles if period is None else CycleClock(period)
-        self.contender = Contender(
-            resource,
-            agent.instance,
-            self.clock,
-            EXCHANGES[social.exchange or resource.exchange],
-            agent.rng,
-            social.margin,
-            COMPARISONS[social.comparison],
-        )
+        self.contender: Mechanism = contender(resource, agent, self.clock)
         self._turned: m.Cycle | None = None  # the cycle of the last turn
         self._warned = False  # that critical bids are not declared
         self._claim_key = desk.key_of(m.Claim, resource=resource.name)
@@ -44,6 +36,9 @@ class Bidding:
 
     def on_claim(self, claim: m.Claim, now: float) -> None:
         self._send(self.contender.on_claim(claim, now))
+
+    def on_message(self, message: Message, now: float) -> None:
+        self._send(self.contender.on_message(message, now))
 
     def on_ack(self, ack: m.Ack, now: float) -> bool:
         """Process an acknowledgement of a fresh cycle; return whether it is a newer one."""
@@ -78,6 +73,11 @@ class Bidding:
 
     def turn(self, message: Any) -> None:
         """Bid, if a message that the agent reacts to starts a turn."""
+        if self._agent.begins(self.resource, message):
+            self.take(message)
+
+    def take(self, message: Any) -> None:
+        """Bid now for the cycle of a message, at most once per cycle."""
         if self._begins_turn(message):
             bid, desk = self._bid(message), self._desk
             self._send(self.contender.bid(message.cycle, bid, desk.now, desk.oldest_input()))
@@ -153,5 +153,10 @@ class Bidding:
     def _send(self, messages: list[Message]) -> None:
         outbox = self._desk.outbox
         for message in messages:
-            key = self._claim_key if type(message) is m.Claim else self._command_key
+            if type(message) is m.Claim:
+                key = self._claim_key
+            elif type(message) is m.Command:
+                key = self._command_key
+            else:
+                key = self._desk.key_of(type(message), resource=self.resource.name)
             outbox.append(Publish(key, message))

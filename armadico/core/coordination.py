@@ -330,9 +330,24 @@ class Contender:
         due = self._silent_at
         return due if self.rival is not None and due > self._checked_at else None
 
+    receives: Final[tuple[type[Message], ...]] = ()
+
+    def on_message(self, message: Message, now: float) -> list[Message]:  # noqa: ARG002
+        return []
+
     @property
     def holding(self) -> bool:
         return self.state is State.HOLDING
+
+    @property
+    def speaker(self) -> str:
+        """The instance whose commands carry its bids: its own."""
+        return self.instance
+
+    @property
+    def share(self) -> float:
+        """1 while it holds the resource, else 0."""
+        return float(self.state is State.HOLDING)
 
     @property
     def owned(self) -> bool:

@@ -95,6 +95,14 @@ class Individual:
         """Return the bid for a resource, in an agent that competes for several."""
         return self.bid(message)
 
+    def begins(self, resource: Resource, message: Never) -> bool:  # noqa: ARG002
+        """Return whether a message that the agent reacts to starts its turn.
+
+        An agent that waits for messages of several publishers returns False, and begins its turn
+        with `take_turn`.
+        """
+        return True
+
     def obey(self, resource: Resource, action: Never) -> None:
         """The owner's method: execute an action (numbers or a message, as the resource has)."""
 

@@ -142,6 +142,11 @@ class Kernel(Desk):
         self._replies: dict[int, Callable[..., None]] = {}  # of the queries under way
         self._owning = {r.name: Owning(self, declare(r)) for r in agent.owns}
         self._bidding = {r.name: Bidding(self, declare(r)) for r in agent.competes_for}
+        self.subscriptions += tuple(
+            Subscription(kind, service_of(kind).heard_in(self.protocol, resource=name), Kind.EVENT)
+            for name, bidding in self._bidding.items()
+            for kind in bidding.contender.receives
+        )
         self._answerers = {kind: self._handler(kind) for kind in agent.answers}
         self._watches = type(agent).on_message is not Individual.on_message
         self._routes = self._make_routes()
@@ -154,6 +159,11 @@ class Kernel(Desk):
             m.Claim: self._accept_claim,
             m.Command: self._accept_command,
             m.Ack: self._accept_ack,
+            **{
+                kind: self._accept_contended
+                for bidding in self._bidding.values()
+                for kind in bidding.contender.receives
+            },
             **{service.message: self._accept_latched for service in latched()},
         }
         of_resources = (m.Claim, m.Command, m.Ack)
@@ -534,6 +544,15 @@ class Kernel(Desk):
             return False
         if (bidding := self._bidding.get(claim.resource)) is not None:
             bidding.on_claim(claim, self.now)
+        return True
+
+    def _accept_contended(self, message: Any) -> bool:
+        """Give a message of a resource's mechanism to it."""
+        sender = service_of(type(message)).sender_of(message)
+        bidding = self._bidding.get(message.resource)
+        if bidding is None or sender in self.foreign or not bidding.clock.fresh(message.cycle):
+            return False
+        bidding.on_message(message, self.now)
         return True
 
     def _accept_command(self, command: m.Command) -> bool:

@@ -275,6 +275,36 @@ class Ack(Message, frozen=True):
     measured: Action = ()
 
 
+class Proposal(Message, frozen=True):
+    """A bid that is made to an arbiter, on ``resource/<resource>/proposal/<instance>``.
+
+    Published once per cycle by each agent that competes under a coordination with an arbiter. A
+    proposal without a utility says that the agent has no bid in this cycle.
+    """
+
+    resource: Name
+    cycle: Cycle
+    instance: Name
+    utility: Share | None = None
+    critical: bool = False
+    action: Action = ()
+    within: Annotated[float, Meta(ge=0, le=60)] | None = None  # s, longest transition to it
+
+
+class Award(Message, frozen=True):
+    """An arbiter's decision for a cycle, on ``resource/<resource>/award/<instance>``.
+
+    `agents` are the instances whose proposals make up the command, and `shares` how much each
+    contributes, in the same order. It counts while the owner obeys the arbiter, `instance`.
+    """
+
+    resource: Name
+    cycle: Cycle
+    instance: Name
+    agents: Annotated[tuple[Name, ...], Meta(max_length=64)] = ()
+    shares: Annotated[tuple[Share, ...], Meta(max_length=64)] = ()
+
+
 # Latched states -----------------------------------------------------------------------------------
 
 

@@ -19,7 +19,18 @@ from typing import Final
 
 HOOKS: Final = frozenset(
     (
-        *("bid", "bid_for", "obey", "rest", "measure", "beyond", "unavailable", "why", "lacks"),
+        *(
+            "bid",
+            "bid_for",
+            "begins",
+            "obey",
+            "rest",
+            "measure",
+            "beyond",
+            "unavailable",
+            "why",
+            "lacks",
+        ),
         *("fill_card", "key_names"),
     )
 )

@@ -15,6 +15,8 @@ class Social(Struct, frozen=True, forbid_unknown_fields=True):
     exchange: Literal["smooth", "abrupt"] | None = None  # None: the resource's own
     margin: Annotated[float, Meta(ge=0, le=1)] | None = None  # None: the resource's own
     comparison: Literal["same-cycle", "last-heard"] = "same-cycle"  # the latter is the thesis's
+    coordination: str | None = None  # an installed mechanism for the wheels; None: ballots
+    told: Literal["award", "yes", "no"] = "award"  # with an arbiter: what an agent's share is
 
 
 class Safety(Struct, frozen=True, forbid_unknown_fields=True):

@@ -138,6 +138,10 @@ def _of_agent(name: str, cls: type[Individual], robot: str) -> _Granted:
         because = declared(cls, "competes_for")
         yield Does.PUT, resource.utility_key_of(instance), because
         yield Does.PUT, resource.command_key_of(instance), because
+        # Under a coordination with an arbiter it proposes, and receives awards.
+        proposal, award = service_of(messages.Proposal), service_of(messages.Award)
+        yield Does.PUT, expression(proposal.key, resource=resource.name, instance=instance), because
+        yield Does.SUBSCRIBE, expression(award.key, resource=resource.name), because
     for resource in cls.owns:
         yield Does.PUT, resource.ack_key, declared(cls, "owns")
     for subscription in subscriptions(cls):

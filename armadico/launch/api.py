@@ -175,6 +175,8 @@ def run(scenario: Given, call: Call) -> Run:
         joins: Agent classes that take part in a virtual run, installed or not.
         controller: Goto's: fast, precise, collaborative or brisk.
         exchange: How resources change hands: smooth or abrupt.
+        coordination: The mechanism that decides which agent drives; by default ballots.
+        told: With an arbiter, what an agent is told of its share: award, yes or no.
         parameters: A set of agents' parameters: thesis, brisk, or a TOML file.
         profile: The robot's profile: a shipped name, or a TOML file.
         robot: The address of a real robot, serial:// or tcp://; None: a simulator.

@@ -102,6 +102,14 @@ class Choices:
     exchange: str | None = option(
         "how resources change hands (default: smooth)", choices=("abrupt", "smooth")
     )
+    coordination: str | None = option(
+        "the mechanism that decides which agent drives: auction, priority, ... (default: ballots)",
+        metavar="NAME",
+    )
+    told: str | None = option(
+        "with an arbiter: what an agent is told of its share (default: award)",
+        choices=("award", "yes", "no"),
+    )
     without: Sequence[str] = several("leave out an agent; may be repeated", metavar="AGENT")
     besides: Sequence[str] = several("add an agent; may be repeated", "--with", metavar="AGENT")
     sensors: str | None = option(

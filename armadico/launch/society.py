@@ -43,6 +43,7 @@ from armadico.config.worlds import load_world
 from armadico.core.agent import DeviceAgent
 from armadico.core.config_errors import ConfigError, ConfigNameError, advice
 from armadico.core.discovery import AGENTS, ERRANDS, agent_class, find, installed, owners
+from armadico.core.mechanisms import coordination
 from armadico.core.resources import WHEELS, Resource
 from armadico.launch.options import Options as Options  # noqa: PLC0414 - for importers
 from armadico.mobile.errand import Order
@@ -123,6 +124,11 @@ def prepared(
         if name not in free:
             taking = ", ".join(free)
             raise ConfigError(f"without {name}: {scenario.name} can be without {taking}")
+    if options.coordination is not None:
+        arbiter = coordination(options.coordination).arbiter
+        if arbiter and arbiter not in scenario.agents:
+            find(AGENTS, arbiter)
+            scenario = replace(scenario, agents=(*scenario.agents, arbiter))
     if options.controller or options.parameters or options.sets:
         check(members(scenario, options, ""))
     return scenario
@@ -253,6 +259,8 @@ def facts(
         "controller": options.controller,
         "social.exchange": options.exchange,
         "social.margin": options.margin,
+        "social.coordination": options.coordination,
+        "social.told": options.told,
     }
 
 

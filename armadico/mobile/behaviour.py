@@ -51,6 +51,9 @@ resulting speed near obstacles are known by their points."""
 # 0.28 it is slower than 0.3 m/s also if the wheels count 7 % too little.
 SURE_M_S, SLOWEST = 1.0, 0.28
 
+MOSTLY: Final = 0.5
+"""From this share of the wheels on, a behaviour takes its own command for what the robot does."""
+
 HEEDS, HEEDS_M_S = 2.0, 0.14
 """Once the robot agent has reduced an order, the next is at most so many times what was let
 through, or the second, m/s. Its readings may show what the obstacles do not yet: a behaviour that
@@ -119,7 +122,7 @@ class Behaviour(Agent, hooks=("propose",)):
         up to `fresh_cycles` for a contender, 0 for the holder.
         """
         age = max(self.cycles.age(obstacles.cycle) or 0, 0)
-        waits = 0 if self.holds(WHEELS) else self.cycles.fresh_cycles
+        waits = 0 if self.share(WHEELS) > 0.0 else self.cycles.fresh_cycles
         cycle_s = self.body.cycle_s
         going = ordered(self.body, *self._speeds)
         return Scene(self.body, going, obstacles.points, age * cycle_s, waits * cycle_s)
@@ -138,7 +141,7 @@ class Behaviour(Agent, hooks=("propose",)):
         if self.route.unseen:
             v, safety = self._by_sight(v, scene, safety)
         state = self.latest(RobotState)
-        if state is not None and state.capped and state.driver == self.instance:
+        if state is not None and state.capped and self.drives(WHEELS, state.driver):
             most = max(HEEDS * abs(state.admitted.v), HEEDS_M_S)
             v = min(max(v, -most), most)
         return limit(v, w, scene, safety)

@@ -22,7 +22,7 @@ from msgspec import Struct
 
 from armadico.core.hands import release
 from armadico.core.judgement import Judgement, all_of, no, unknown, yes
-from armadico.core.messages import Ack, Claim, Command, Description, Message, RobotState
+from armadico.core.messages import Ack, Award, Claim, Command, Description, Message, RobotState
 from armadico.core.resources import WHEELS
 from armadico.core.services import derived
 from armadico.mobile.errand import Errands, Progress
@@ -58,6 +58,7 @@ WATCHED: tuple[type[Message], ...] = (
     Truth,
     RobotState,
     Ack,
+    Award,
     Pose,
     Sonar,
     Scan,
@@ -328,8 +329,11 @@ class RunWatch:
 
     @property
     def holder(self) -> str | None:
-        """The agent that drives; None if there is none or the run has not begun."""
-        driver = self.view.driver(WHEELS.name, self.now) if self.begun else None
+        """The agent that drives; None if there is none or the run has not begun.
+
+        Where an arbiter drives it is the agent to which it awards most.
+        """
+        driver = self.view.lead(WHEELS.name, self.now) if self.begun else None
         return None if driver is None else agent_of(driver)
 
     @property

@@ -18,6 +18,7 @@ from typing import Final, NamedTuple, TypeVar, cast
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import (
     Ack,
+    Award,
     BidHistory,
     BidRecord,
     Card,
@@ -141,6 +142,7 @@ class _Contested:
     driver: str | None = None  # as of that ack
     claim: Claim | None = None
     claimed_at: float = 0.0
+    award: Award | None = None  # of an arbiter, the newest
     held_since: float = inf  # when this tenure was first claimed
 
 
@@ -281,6 +283,10 @@ class View:
         match message:
             case Ack():
                 self._on_ack(message, t)
+            case Award():
+                contested = self._contested.setdefault(message.resource, _Contested())
+                if contested.driver in (None, message.instance) or contested.award is None:
+                    contested.award = message
             case Claim():
                 self._on_claim(message, t)
             case Card():
@@ -487,6 +493,15 @@ class View:
         if known is None or known.ack is None or now - known.acked_at > _quiet_s(known):
             return None
         return driver(known.ack)
+
+    def lead(self, resource: str, now: float) -> str | None:
+        """The instance whose bid a resource follows: the driver, or the one that it awards most."""
+        driven = self.driver(resource, now)
+        known = self._contested.get(resource)
+        award = None if known is None else known.award
+        if award is None or award.instance != driven or not award.agents:
+            return driven
+        return max(zip(award.shares, award.agents, strict=False), default=(0.0, driven))[1]
 
     def last_driver(self, resource: str) -> str:
         """The instance that a resource obeys or obeyed last; empty after a release."""

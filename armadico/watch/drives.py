@@ -45,14 +45,17 @@ class Drives:
         self.drives: list[Drive] = []
         self.unobeyed: Unobeyed | None = None
 
-    def update(self, ack: Ack, cards: Mapping[str, Card], t: float) -> None:
-        """Process an ack; one that acknowledges no new command changes nothing."""
+    def update(self, ack: Ack, cards: Mapping[str, Card], t: float, lead: str | None) -> None:
+        """Process an ack; one that acknowledges no new command changes nothing.
+
+        `lead` is the instance whose bid is obeyed, if that is another one: an arbiter's award.
+        """
         if ack.resource != self._resource or ack.obeyed is None or ack.obeyed_cycle is None:
             return
         if ack.obeyed_cycle == self._cycle:
             return
         self._cycle = ack.obeyed_cycle
-        last, instance = self.drives[-1] if self.drives else None, ack.obeyed.instance
+        last, instance = self.drives[-1] if self.drives else None, lead or ack.obeyed.instance
         if last is not None and (self.unobeyed is None or t - last.ended > self.unobeyed.seconds):
             self.unobeyed = Unobeyed(last.ended, t - last.ended)
         if last is None or last.instance != instance:

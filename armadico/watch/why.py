@@ -327,7 +327,8 @@ class Chronicle:
         return self._history[name]
 
     def _on_ack(self, ack: Ack, t: float) -> None:
-        self.drives.update(ack, self.view.cards, t - self._begun)
+        lead = self.view.lead(ack.resource, t)
+        self.drives.update(ack, self.view.cards, t - self._begun, lead)
         driver = self.view.driver(ack.resource, t)
         if driver is None or ack.obeyed is None:
             return
@@ -577,7 +578,7 @@ class Chronicle:
         view = self.view
         if bumped:
             return cause(Sort.BUMPED, "", "A person walked into the robot.")
-        driver = view.driver(WHEELS.name, self.now) or view.last_driver(WHEELS.name)
+        driver = view.lead(WHEELS.name, self.now) or view.last_driver(WHEELS.name)
         name = agent_of(driver) if driver else "no agent"
         found = [o for o in view.newest.values() if isinstance(o, Obstacles)]
         if not found:

@@ -1,0 +1,122 @@
+"""Under an arbiter agents propose, it alone holds the wheels, and it may be killed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from armadico.agents.rivals.arbiter import WAIT_S
+from armadico.config.scenarios import ideal, load_scenario
+from armadico.core.errors import UnknownNameError
+from armadico.core.messages import Ack, Award, Command, Cycle, Proposal
+from armadico.core.resources import WHEELS
+from armadico.launch.society import Options, prepared
+from armadico.launch.virtual import Rehearsal
+from armadico.mobile.messages import Truth
+from armadico.observe.view import agent_of, driver
+
+
+class Driven:
+    """A run of sc4 under a mechanism, and what was published in it."""
+
+    def __init__(self, coordination: str | None, told: str | None = None) -> None:
+        options = Options(seed=1, coordination=coordination, told=told)
+        self.scenario = prepared(ideal(load_scenario("sc4")), options)
+        self.run = Rehearsal(self.scenario, options)
+        self.seen: dict[type, list[Any]] = {k: [] for k in (Ack, Award, Command, Truth, Proposal)}
+        self.at: list[tuple[float, str | None]] = []
+        self.run.mesh.watch(self._note, *self.seen)
+
+    def _note(self, _key: str, message: Any, t: float) -> None:
+        if getattr(message, "resource", WHEELS.name) != WHEELS.name:
+            return
+        self.seen[type(message)].append(message)
+        if type(message) is Ack:
+            self.at.append((t, driver(message)))
+
+
+@pytest.mark.parametrize("name", ["auction", "priority", "aria", "mean"])
+def test_the_arbiter_alone_commands_and_the_goal_is_reached(name: str) -> None:
+    driven = Driven(name)
+    result = driven.run.run()
+    assert result.reached
+    assert result.collisions == 0
+    commanding = {agent_of(command.ballot.instance) for command in driven.seen[Command]}
+    assert len(commanding) == 1
+    assert commanding <= set(driven.scenario.agents)
+    assert result.shares["goto"] > 30.0, "the agents that it awards are counted, not the arbiter"
+    assert result.conditions is not None
+    assert f"social.coordination={name}" in result.conditions.agents["goto"]
+
+
+def test_what_an_agent_is_told_of_its_share_can_be_set() -> None:
+    shares: dict[str, set[float]] = {}
+    for told in ("award", "yes", "no"):
+        driven = Driven("auction", told)
+        mesh, found = driven.run.mesh, shares.setdefault(told, set())
+        agents = [mesh.node(name).agent for name in ("goto", "gothrough")]
+        mesh.watch(
+            lambda *_, found=found, agents=agents: found.update(a.share(WHEELS) for a in agents),
+            Truth,
+        )
+        driven.run.run()
+    assert shares == {"award": {0.0, 1.0}, "yes": {1.0}, "no": {0.0}}
+
+
+@pytest.mark.parametrize("spare", [False, True])
+def test_a_killed_arbiter_is_followed_by_its_standby_or_the_robot_rests(spare: bool) -> None:
+    driven = Driven("auction")
+    run, mesh = driven.run, driven.run.mesh
+    if spare:
+        run.enter("auction")
+    killed: list[Any] = []
+
+    def kill(*_: object) -> None:
+        holding = driver(driven.seen[Ack][-1])
+        node = next(n for n in mesh.nodes if n.alive and n.agent.instance == holding)
+        killed.append((mesh.now, node.agent.instance))
+        node.kill()
+        if not spare:
+            mesh.call_at(mesh.now + 2.0, lambda *_: run.enter("auction"), None)
+
+    mesh.call_at(12.0, kill, None)
+    result = run.run()
+    at, instance = killed[0]
+    assert agent_of(instance) == "auction"
+    after = next(t for t, holder in driven.at if t > at and holder not in (None, instance)) - at
+    assert after < 0.3 if spare else 2.0 < after < 3.5
+    assert result.reached
+    assert result.collisions == 0
+    obeyed = [ack.obeyed for ack in driven.seen[Ack] if ack.obeyed is not None]
+    assert obeyed == sorted(obeyed), "ballots never go down"
+
+
+def test_the_arbiter_waits_for_a_missing_proposal_for_20_ms_at_most() -> None:
+    driven = Driven("auction")
+    mesh = driven.run.mesh
+    first: dict[Cycle, float] = {}
+    waited: dict[Cycle, float] = {}
+    mesh.watch(lambda _k, p, t: first.setdefault(p.cycle, t), Proposal)
+    mesh.watch(lambda _k, a, t: waited.setdefault(a.cycle, t - first[a.cycle]), Award)
+    mesh.call_at(12.0, lambda *_: mesh.node("gothrough").hang(), None)
+    driven.run.run()
+    whole = [s for cycle, s in waited.items() if first[cycle] < 11.9]
+    lacking = [s for cycle, s in waited.items() if 12.05 < first[cycle] < 12.25]
+    later = [s for cycle, s in waited.items() if first[cycle] > 13.0]
+    assert max(whole) < WAIT_S
+    assert lacking
+    assert all(WAIT_S <= s < WAIT_S + 0.01 for s in lacking)
+    assert max(later) < WAIT_S, "an agent that has been silent for 3 cycles is not waited for"
+
+
+def test_an_unknown_mechanism_is_refused_with_the_names_that_there_are() -> None:
+    with pytest.raises(UnknownNameError, match="auction"):
+        Driven("nothing-like-it")
+
+
+def test_by_default_nothing_is_proposed_or_awarded() -> None:
+    driven = Driven(None)
+    driven.run.start()
+    driven.run.mesh.run(5.0)
+    assert driven.seen[Proposal] == driven.seen[Award] == []

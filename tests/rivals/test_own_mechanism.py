@@ -1,0 +1,52 @@
+"""A mechanism is a package of its own: docs/rivals.md has these two."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.programs import Done, call
+
+PAGE = Path(__file__).parents[2] / "docs" / "rivals.md"
+POINTS = """
+[armadico.agents]
+loudest = own_rivals:Loudest
+[armadico.coordinations]
+loudest = own_rivals:LOUDEST
+committed = own_rivals:Committed
+"""
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """The package of the page is installed, as far as Python can tell."""
+    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    (tmp_path / "own_rivals.py").write_text("\n\n".join(blocks), encoding="utf-8")
+    info = tmp_path / "own_rivals-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: own-rivals\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(POINTS)
+    return tmp_path
+
+
+def run(package: Path, name: str) -> Done:
+    words = ("run", "sc4", "--virtual", "--seed", "1", "--json", "--coordination", name)
+    return call(*words, env={**os.environ, "PYTHONPATH": str(package)})
+
+
+def test_an_arbiter_of_ones_own_drives(package: Path) -> None:
+    done = run(package, "loudest")
+    result = json.loads(done.stdout)
+    assert result["reached"], done.stderr
+    assert "loudest" in result["conditions"]["scenario"]["agents"]
+
+
+def test_a_mechanism_without_an_arbiter_drives(package: Path) -> None:
+    result = json.loads(run(package, "committed").stdout)
+    assert result["reached"]
+    ballots = json.loads(call("run", "sc4", "--virtual", "--seed", "1", "--json").stdout)
+    assert 0 < result["exchanges"] < ballots["exchanges"]
