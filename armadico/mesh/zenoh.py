@@ -14,6 +14,7 @@ hundred messages after each hang of more than the lease).
 from __future__ import annotations
 
 import atexit
+import ctypes
 import json
 import logging
 import os
@@ -528,6 +529,8 @@ class ZenohMesh(Reader, Monotonic):
         wait for Zenoh's own thread, which may wait for a lock of that thread.
         """
         declared, self._declared = self._declared, Declared()
+        if self._where.router:
+            _keep(session)
 
         def end() -> None:
             _close(session)
@@ -857,6 +860,15 @@ class PeerLinks:
                 break
             routers.append(other.router)
         return link.router not in routers
+
+
+def _keep(session: zenoh.Session) -> None:
+    """Never free a router's session: that costs 50 kB and a descriptor for each.
+
+    Zenoh (1.10.2) frees it with Python's global lock held, and waits without a limit for a task of
+    its only worker, which may wait for that lock to call a callback: the process hangs for good.
+    """
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(session))
 
 
 def _close(session: zenoh.Session) -> None:

@@ -202,7 +202,8 @@ def onlooker(namespace: str, folder: Path) -> ZenohMesh:
             self.beside.subscribe(pattern, receiver)
 
         def close(self, deadline: float = 1.0) -> bool:
-            return self.beside.close(deadline) and super().close(deadline)
+            closed = self.beside.close(deadline)
+            return super().close(deadline) and closed
 
     mesh = Onlooker()
     mesh.open()
