@@ -124,11 +124,12 @@ def prepared(
         if name not in free:
             taking = ", ".join(free)
             raise ConfigError(f"without {name}: {scenario.name} can be without {taking}")
-    if options.coordination is not None:
-        arbiter = coordination(options.coordination).arbiter
-        if arbiter and arbiter not in scenario.agents:
-            find(AGENTS, arbiter)
-            scenario = replace(scenario, agents=(*scenario.agents, arbiter))
+    arbiter = "" if options.coordination is None else coordination(options.coordination).arbiter
+    if options.told and not arbiter:
+        raise ConfigError("--told needs a --coordination with an arbiter, such as auction")
+    if arbiter and arbiter not in scenario.agents:
+        find(AGENTS, arbiter)
+        scenario = replace(scenario, agents=(*scenario.agents, arbiter))
     if options.controller or options.parameters or options.sets:
         check(members(scenario, options, ""))
     return scenario

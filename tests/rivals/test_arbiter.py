@@ -8,6 +8,7 @@ import pytest
 
 from armadico.agents.rivals.arbiter import WAIT_S
 from armadico.config.scenarios import ideal, load_scenario
+from armadico.core.config_errors import ConfigError
 from armadico.core.errors import UnknownNameError
 from armadico.core.messages import Ack, Award, Command, Cycle, Proposal
 from armadico.core.resources import WHEELS
@@ -113,6 +114,11 @@ def test_the_arbiter_waits_for_a_missing_proposal_for_20_ms_at_most() -> None:
 def test_an_unknown_mechanism_is_refused_with_the_names_that_there_are() -> None:
     with pytest.raises(UnknownNameError, match="auction"):
         Driven("nothing-like-it")
+
+
+def test_what_is_told_of_shares_needs_an_arbiter() -> None:
+    with pytest.raises(ConfigError, match="--told"):
+        prepared(load_scenario("sc1"), Options(told="yes"))
 
 
 def test_by_default_nothing_is_proposed_or_awarded() -> None:
