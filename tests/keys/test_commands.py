@@ -255,10 +255,10 @@ def test_a_command_that_was_killed_before_any_file_can_be_repeated(
 
 
 def test_the_printed_commands_make_what_each_computer_and_archive_lost(lab: Lab) -> None:
-    lab.keys("agent", "laser", "dock", "--out", str(lab.folder / "laser"))
+    lab.keys("agent", "laser", "relocate", "--out", str(lab.folder / "laser"))
     lab.keys("agent", "laser")
     lab.keys("person", "ben")
-    for name in ("laser", "dock+laser", "person-ben", "person-olga", "page", "person-anna"):
+    for name in ("laser", "laser+relocate", "person-ben", "person-olga", "page", "person-anna"):
         before = [each for each in _valid(lab.store) if each[0].endswith(f"/{name}")]
         for words in re.findall(r"`armadico keys ([^`]*)`", _losses(lab.keys("revoke", name))):
             out = str(lab.folder / f"{name}-{words.replace(' ', '-')}")

@@ -26,6 +26,12 @@ ROBOT = DRIVER.with_name("rclpy_robot.py")  # a robot of real ROS 2, with its ow
 DOMAIN = real_ros.own_domain()
 
 
+@pytest.fixture(autouse=True)
+def domain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A domain of the test's own: the last one's robot may still be listed in its domain."""
+    monkeypatch.setattr(f"{__name__}.DOMAIN", real_ros.own_domain())
+
+
 @pytest.fixture
 def start(apart: None) -> Iterator[Start]:
     with starter() as start:
