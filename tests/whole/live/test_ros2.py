@@ -206,7 +206,10 @@ def test_a_base_that_does_otherwise_is_named_and_has_touched_nothing(
     arrives: bool,
 ) -> None:
     robot = rclpy_robot(*oddity)
-    code, result, log = drive(room)
+    for _ in range(4):
+        code, result, log = drive(room)
+        if "deaf base" not in log or "deaf base" in text:
+            break  # else it counted as deaf before DDS had announced its subscription
     assert text in log
     assert "touched" not in log
     x, y = last_place(robot)
