@@ -7,6 +7,8 @@ COMPILE = $(BIN)/pip-compile --quiet --generate-hashes --no-emit-options --allow
 	  --strip-extras --no-annotate --no-header
 PIP    := $(BIN)/python -m pip --disable-pip-version-check
 WORKERS ?= 4
+# Where it is set, each of the many processes that tests start compiles every module again.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: run next tools test test-long test-removal mutants lint docs demo demo-down lock clean
 .DEFAULT_GOAL := run
@@ -80,7 +82,8 @@ demo-down:  ## what a demo left that was killed
 
 lock: $(VENV)/.dev  ## write the locks again from pyproject.toml
 	for lock in agents:--extra=record run:--extra=plot,record "tools:--extra=plot,record requirements/tools.in" \
-	    "dev:--extra=plot,record,dashboard,ros2,docs,dev requirements/tools.in"; do \
+	    "cluster:--extra=plot,record requirements/tools.in requirements/cluster.in" \
+	    "dev:--extra=plot,record,dashboard,ros2,rivals,docs,dev requirements/tools.in requirements/cluster.in"; do \
 	  $(COMPILE) $${lock#*:} -o requirements/$${lock%%:*}.txt pyproject.toml requirements/build.in; \
 	done
 	$(COMPILE) -o requirements/rclpy.txt requirements/rclpy.in

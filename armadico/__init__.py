@@ -68,6 +68,7 @@ if TYPE_CHECKING:
     from armadico.mobile.resources import PLANNER
     from armadico.mobile.route import Route
     from armadico.observe.measures import Mark, Result
+    from armadico.rehearsal.api import rehearse
     from armadico.runtime.errors import (
         AbsentError,
         AgentFailedError,
@@ -152,10 +153,12 @@ __all__ = [
     "Waypoint",
     "connect",
     "register",
+    "rehearse",
     "run",
 ]
 
 _MODULES = {
+    "rehearsal.api": ("rehearse",),
     "core.config_errors": ("ConfigError",),
     "config.scenarios": ("Scenario",),
     "core.agent": (

@@ -1,4 +1,4 @@
-"""A process that receives a signal when its parent is gone.
+"""A process that receives a signal when its parent is gone, and one that computes for another.
 
 `python -m armadico.child PARENT SIGNAL PROGRAM...` becomes the program; `armadico` runs in the same
 process, without another start of Python. Linux sends the signal when the thread that started the
@@ -8,11 +8,15 @@ process has ended. On other systems the parent has to end cleanly.
 from __future__ import annotations
 
 import ctypes
+import gc
 import os
 import sys
 from typing import Final
 
 PR_SET_PDEATHSIG: Final = 1
+
+SELDOM: Final = 100_000
+"""Threshold of the garbage collector, which then hardly ever runs."""
 
 
 def tie(parent: int, number: int) -> bool:
@@ -20,6 +24,13 @@ def tie(parent: int, number: int) -> bool:
     if sys.platform == "linux":
         ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, number)
     return os.getppid() == parent  # it may have ended before the request
+
+
+def collect_seldom() -> None:
+    """Collect garbage hardly ever: agents make few cycles, and collecting took up to a tenth."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(SELDOM)
 
 
 def main() -> int:

@@ -61,7 +61,7 @@ from armadico.core.messages import (
 from armadico.core.outgoing import EXPIRY_S
 from armadico.core.resources import WHEELS, Resource
 from armadico.mobile.geometry import wrap
-from armadico.mobile.messages import Origin, Scan, Sonar
+from armadico.mobile.messages import Origin, Scan, Sonar, Trajectory
 from armadico.mobile.scans import points_of
 
 PULSE_S = 0.5
@@ -69,6 +69,9 @@ PULSE_S = 0.5
 
 RENEW_S = EXPIRY_S / 2
 """Period of renewing a command, which its guard lets hold for `EXPIRY_S`."""
+LATE_S = 0.05
+"""So much later than this agent would order rest without commands, its guard brakes: this agent may
+be late by as much as its computer is busy."""
 
 HEALTHY_S = 0.5
 """The watchdog is fed only while status packets arrive at least this often."""
@@ -190,6 +193,7 @@ class Robot(DeviceAgent):
         self._reported_at = float("-inf")
         self._pulsed_at = self._written_at = float("-inf")
         self._described = 0  # cycles since the last description
+        self._described_top = 0.0  # m/s, in the last description
         self._readings = Readings(self.profile)
         try:
             self._reflex = Reflex(self.profile)
@@ -281,7 +285,7 @@ class Robot(DeviceAgent):
         """Tell the guard that this agent lives; order rest again if it was ordered."""
         assert self._session is not None
         if self._orders.moving:
-            self.write(b"", brakes=self._brakes(), moves=True)
+            self.write(b"", brakes=self._brakes(), moves=True, holds_s=self._holds_s)
             self._written_at = self.now
             return
         self._session.stop()
@@ -315,6 +319,14 @@ class Robot(DeviceAgent):
         """What brakes the robot without this agent; empty if it rests."""
         braking = self._braking if self._guarded and self._rolls else None
         return () if braking is None else braking.brakes()
+
+    @property
+    def _holds_s(self) -> float:
+        """How long a guard lets a write hold, s: no longer than the command that is obeyed."""
+        silent_at = self.owner(WHEELS).silent_at
+        if silent_at is None:
+            return EXPIRY_S
+        return min(EXPIRY_S, max(silent_at + LATE_S - self.now, 0.0))
 
     @property
     def _braking(self) -> Brakes | None:
@@ -430,7 +442,8 @@ class Robot(DeviceAgent):
         data = self._session.outgoing()
         if data:
             self._pulsed_at = self._written_at = self.now
-            self.write(data, brakes=self._brakes(), moves=self._orders.moving)
+            moving = self._orders.moving
+            self.write(data, brakes=self._brakes(), moves=moving, holds_s=self._holds_s)
         due = [self._session.next_wakeup]
         if self._renews:
             due.append(self._written_at + RENEW_S)
@@ -477,9 +490,10 @@ class Robot(DeviceAgent):
             )
         )
         self.acknowledge()
-        if self._described % DESCRIBE_CYCLES == 0:
+        top = self._top
+        if self._described % DESCRIBE_CYCLES == 0 or top != self._described_top:
             self.publish(self.description())
-        self._described += 1
+        self._described, self._described_top = self._described + 1, top
         self._perceive(cycle, report)
         self._apply_reflex(report)
         self._repeat_stop(v, w)
@@ -508,8 +522,11 @@ class Robot(DeviceAgent):
 
     @property
     def _top(self) -> float:
-        """The top speed, by the profile, the scenario and the guard, m/s."""
-        return min(self._v_max, self._guard_v_max)
+        """The top speed, by the profile, the scenario, the guard and the mission, m/s."""
+        known = self.memory.newest(Trajectory)
+        terms = None if known is None else known.terms
+        mission_v_max = inf if terms is None or terms.v_max is None else terms.v_max
+        return min(self._v_max, self._guard_v_max, mission_v_max)
 
     def description(self) -> Description:
         """The robot's footprint and limits, by its profile."""
@@ -521,7 +538,7 @@ class Robot(DeviceAgent):
             front=body.front_m,
             rear=body.rear_m,
             half_width=body.width_m / 2,
-            v_max=min(self._v_max, self._guard_v_max),
+            v_max=self._top,
             w_max=limits.w_max,
             v_accel=limits.v_accel,
             v_decel=limits.v_decel,

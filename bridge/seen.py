@@ -29,7 +29,7 @@ m, rad, s.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import cos, floor, inf, radians, sin, tan, tau
+from math import cos, floor, hypot, inf, radians, sin, sqrt, tan, tau
 from typing import Final
 
 import numpy as np
@@ -38,7 +38,7 @@ from armadico.config.profile import RobotProfile
 from armadico.mobile.admissible import View
 from armadico.mobile.geometry import Pose2
 from armadico.mobile.messages import Echo, Scan
-from armadico.mobile.scans import Flags, Floats, beside, points_of, ranges_of
+from armadico.mobile.scans import Flags, Floats, beside, paired, points_of, ranges_of
 
 KEPT_S: Final = 10.0
 """Greatest age of a point that no reading has looked through since, unless it is near."""
@@ -156,6 +156,11 @@ def met_within(step: float, width: float) -> float:
     return width / (2.0 * sin(0.5 * abs(step))) if step else inf
 
 
+def looked_through(away: float) -> float:
+    """The distance up to which a sonar that heard nothing nearer than `away` looked through, m."""
+    return min(HEARD_M, away - THROUGH_M)
+
+
 class Seen:
     """Collects readings; `view` returns what they show."""
 
@@ -184,21 +189,19 @@ class Seen:
         self._free: Floats = np.full((CELLS, CELLS), -inf)  # when last seen, s
         self._pose: Pose2 = (0.0, 0.0, 0.0)
         self._now = 0.0
-        middles = (np.arange(CELLS) + 0.5) * CELL_M
-        self._middles = np.meshgrid(middles, middles, indexing="ij")
+        self._middles: Floats = CELL_M * (np.arange(CELLS, dtype=np.float64) + 0.5)  # either way
 
     def update(self, echoes: Iterable[Echo], scan: Scan | None, pose: Pose2, now: float) -> None:
         """Add one cycle's readings, of a robot at a pose by its odometry."""
         self._pose, self._now = pose, now
         self._shift(pose)
         rear, front, half = self._footprint
-        x, y = self._cells()
+        x, y, free = self._cells(hypot(max(front, -rear) + AROUND_M, half + AROUND_M))
         around = (rear - AROUND_M < x) & (x < front + AROUND_M) & (np.abs(y) < half + AROUND_M)
-        self._free[around] = now
-        for echo in echoes:
-            self._hear(echo, x, y)
+        free[around] = now
+        self._free_cones([self._hear(echo) for echo in echoes])
         if scan is not None:
-            self._look(scan, x, y)
+            self._look(scan)
         self._echoed, self._scanned = self._kept(self._echoed), self._kept(self._scanned)
 
     def view(self, within: float) -> View:
@@ -208,10 +211,10 @@ class Seen:
         known = self._from_world(np.concatenate([self._scanned[:, :2], self._beyond]))
         points = np.concatenate([echoed, known, self._expected()])
         points = points[(np.abs(points) < within).all(axis=1)]
-        x, y = self._cells()
+        x, y, free = self._cells(sqrt(2.0) * within)
         lately = GONE_S if self._now - self._moved_at < LATELY_S else LATELY_S
-        unseen = (self._now - self._free > lately) & (np.abs(x) < within) & (np.abs(y) < within)
-        cells = np.column_stack([x[unseen], y[unseen]])
+        unseen = (self._now - free > lately) & (np.abs(x) < within) & (np.abs(y) < within)
+        cells = paired(x[unseen], y[unseen])
         near = echoed[self._beside(echoed) < NEAR_M]
         beside_near = cells[self._beside(cells) < NEAR_M + GOES_ON_M]
         gaps = np.hypot(*(beside_near[:, None] - near).transpose(2, 0, 1))
@@ -225,53 +228,62 @@ class Seen:
             points, np.concatenate([cells, places[~sure], cleared]), 0.5 * CELL_M, self._noise
         )
 
-    def _hear(self, echo: Echo, x: Floats, y: Floats) -> None:
-        """Add an echo, or its absence."""
+    def _hear(self, echo: Echo) -> tuple[Mount, float]:
+        """Add an echo, or its absence. Returns how far the sonar saw its cone to be free, m."""
         away = inf if echo.range is None else echo.range
         mount = echo.x, echo.y, echo.bearing
         before = self._readings.get(mount, [])[-1:]
         self._readings[mount] = [*before, (away, self._now)]
         free = self._nearer(mount)
-        dx, dy = x - echo.x, y - echo.y
-        c, s = cos(echo.bearing), sin(echo.bearing)
-        ahead, aside = c * dx + s * dy, np.abs(c * dy - s * dx)
-        beam = aside < tan(self._cone) * ahead + 0.5 * CELL_M
-        self._free[beam & (ahead > 0.0) & (np.hypot(dx, dy) < min(free, HEARD_M))] = self._now
+        seen = mount, min(free, HEARD_M)
         known, heading = self._echoed, echo.bearing + self._pose[2]
         facing = cos(heading) * known[:, 3] + sin(heading) * known[:, 4] > FACING
         old = self._now - known[:, 2] > TWICE_S
         at = self._from_world(known[:, :2])
-        through = self._through(at, mount, free)
+        along = self._along(at, mount)
+        through = along < looked_through(free)
         known[old & through & ~facing, 5] = 1.0
         gone = facing & through
-        gone |= self._through(at, mount, min(free, EDGE_M))
-        known = self._echoed = known[~(old & gone)]
+        gone |= along < looked_through(min(free, EDGE_M))
+        stays = ~(old & gone)
+        known = self._echoed = known[stays]
         if free >= ARC_M:
             self._walls.pop(mount, None)
         if echo.range is None:
-            return
-        explains = self._explains(echo, self._from_world(known[:, :2]))
+            return seen
         blind = away < self._least
-        if blind and explains < inf:
+        if blind and (explains := self._explains(echo, at[stays])) < inf:
             self._suspect(echo, explains)
-            return
+            return seen
         bearings = echo.bearing + self._cone * (ARC if away < ARC_M else ARC[:1])
-        places = np.column_stack(
-            [echo.x + away * np.cos(bearings), echo.y + away * np.sin(bearings)]
-        )
+        places = paired(echo.x + away * np.cos(bearings), echo.y + away * np.sin(bearings))
         for other in self._readings:
             if 0.0 < abs(other[2] - echo.bearing) < BESIDE_RAD:
-                places = places[~self._through(places, other, self._readings[other][-1][0])]
+                heard = self._readings[other][-1][0]
+                places = places[self._along(places, other) >= looked_through(heard)]
         if blind:
             rear, front, half = self._footprint
             places = np.clip(places, (rear, -half), (front, half))
         if away < ARC_M:
             self._suspect(echo, away)
-        off = np.hypot(*(known[:, None, :2] - self._to_world(places)).transpose(2, 0, 1))
         new = np.zeros((len(places), 6))
         new[:, :2] = self._to_world(places)
         new[:, 2:5] = self._now, cos(heading), sin(heading)
+        off = np.hypot(*(known[:, None, :2] - new[:, :2]).transpose(2, 0, 1))
         self._echoed = np.concatenate([known[(off >= SAME_M).all(axis=1)], new])
+        return seen
+
+    def _free_cones(self, seen: list[tuple[Mount, float]]) -> None:
+        """Note that sonars have seen their cones to be free, each up to a distance in m."""
+        if not seen:
+            return
+        x, y, free = self._cells(max(hypot(x, y) + reach for (x, y, _), reach in seen))
+        mounts = [(x, y, cos(bearing), sin(bearing), reach) for (x, y, bearing), reach in seen]
+        at_x, at_y, c, s, reach = np.array(mounts).T[:, :, None, None]
+        dx, dy = x - at_x, y - at_y
+        ahead, aside = c * dx + s * dy, np.abs(c * dy - s * dx)
+        beam = (aside < tan(self._cone) * ahead + 0.5 * CELL_M) & (ahead > 0.0)
+        free[(beam & (np.hypot(dx, dy) < reach)).any(axis=0)] = self._now
 
     def _nearer(self, mount: Mount) -> float:
         """The nearer one of a sonar's last two ranges, m: an echo may be lost. 0: too long ago."""
@@ -302,29 +314,28 @@ class Seen:
                     return False
         return True
 
-    def _through(self, places: Floats, mount: Mount, away: float) -> Flags:
-        """Whether a sonar that heard nothing nearer than `away` looked through places."""
-        away = min(HEARD_M, away - THROUGH_M)
+    def _along(self, places: Floats, mount: Mount) -> Floats:
+        """The distances of places from a sonar, m; inf outside of its cone."""
         dx, dy = places[:, 0] - mount[0], places[:, 1] - mount[1]
         c, s = cos(mount[2]), sin(mount[2])
-        ahead = c * dx + s * dy
-        beam = np.abs(c * dy - s * dx) < tan(self._cone) * ahead
-        found: Flags = beam & (np.hypot(dx, dy) < away)
+        beam = np.abs(c * dy - s * dx) < tan(self._cone) * (c * dx + s * dy)
+        found: Floats = np.where(beam, np.hypot(dx, dy), inf)
         return found
 
-    def _look(self, scan: Scan, x: Floats, y: Floats) -> None:
+    def _look(self, scan: Scan) -> None:
         """Add a scan: points in its view are those that it shows."""
         if scan.number == self._number and scan.number:
             return
         self._number = scan.number
         ranges = ranges_of(scan)
         reach = min(DARK_M, met_within(scan.step, self._width))
+        x, y, free = self._cells(hypot(scan.x, scan.y) + 1.5 * reach)
         near = np.abs(x - scan.x) + np.abs(y - scan.y) < 1.5 * reach
-        cells = np.column_stack([x[near], y[near]])
+        cells = paired(x[near], y[near])
         away, shown, _ = _rays(scan, ranges, cells)
         fresh = np.where(shown >= np.minimum(away, reach + CELL_M), self._now, -inf)
         fresh[away > reach] = -inf
-        self._free[near] = np.maximum(self._free[near], fresh)
+        free[near] = np.maximum(free[near], fresh)
         away, shown, seen = _rays(scan, ranges, self._from_world(self._echoed[:, :2]))
         # Near ones do not age, and no sonar may look there any more: they do where a laser looks.
         gone = seen & (shown > away + THROUGH_M) & (self._now - self._echoed[:, 2] > KEPT_S)
@@ -421,13 +432,19 @@ class Seen:
                 free[gone if axis == 0 else (slice(None), gone)] = -inf
                 self._free = free if abs(by) < CELLS else np.full_like(free, -inf)
 
-    def _cells(self) -> tuple[Floats, Floats]:
-        """The middles of all cells, in the body frame."""
+    def _cells(self, within: float) -> tuple[Floats, Floats, Floats]:
+        """All cells within a distance (m) and some more: the middles in the body frame (x and y).
+
+        And when they were last seen to be free: a part of `_free`, to be written to.
+        """
         assert self._corner is not None, "after an update"
-        dx = self._middles[0] + (self._corner[0] * CELL_M - self._pose[0])
-        dy = self._middles[1] + (self._corner[1] * CELL_M - self._pose[1])
+        most = CELLS // 2  # the number of the robot's own cell
+        reach = min(int(within / CELL_M) + 1, most) if within < inf else most
+        part = slice(most - reach, most + reach + 1)
+        dx = (self._middles[part] + (self._corner[0] * CELL_M - self._pose[0]))[:, None]
+        dy = self._middles[part] + (self._corner[1] * CELL_M - self._pose[1])
         c, s = cos(self._pose[2]), sin(self._pose[2])
-        return c * dx + s * dy, c * dy - s * dx
+        return c * dx + s * dy, c * dy - s * dx, self._free[part, part]
 
     def _from_world(self, places: Floats) -> Floats:
         return _into(self._pose, places)
@@ -446,14 +463,14 @@ def _into(pose: Pose2, places: Floats) -> Floats:
     """Places of the odometry's frame in the body's."""
     dx, dy = places[:, 0] - pose[0], places[:, 1] - pose[1]
     c, s = cos(pose[2]), sin(pose[2])
-    return np.column_stack([c * dx + s * dy, c * dy - s * dx])
+    return paired(c * dx + s * dy, c * dy - s * dx)
 
 
 def _out_of(pose: Pose2, places: Floats) -> Floats:
     """Places of the body's frame in the odometry's."""
     x, y = places[:, 0], places[:, 1]
     c, s = cos(pose[2]), sin(pose[2])
-    found: Floats = np.column_stack([c * x - s * y, s * x + c * y]) + pose[:2]
+    found: Floats = paired(c * x - s * y, s * x + c * y) + pose[:2]
     return found
 
 
@@ -472,13 +489,15 @@ def _filled(points: Floats, width: float) -> Floats:
     What was heard of a wall is a few points of it, and a corner of the footprint may turn into it
     between them.
     """
+    if len(points) < 2:  # mostly nothing is near
+        return np.empty((0, 2))
     one, other = np.triu_indices(len(points), 1)
     apart = np.hypot(*(points[one] - points[other]).T)
     pairs = (apart > 2.0 * SAME_M) & (apart < width)
     begin, way = points[one[pairs]], (points[other] - points[one])[pairs]
     between = np.concatenate([begin + share * way for share in (0.25, 0.5, 0.75)])
     thinned = np.unique(np.round(between / SAME_M) @ (1.0, 1.0j)) * SAME_M
-    return np.column_stack([thinned.real, thinned.imag])
+    return paired(thinned.real, thinned.imag)
 
 
 def _beyond_view(scan: Scan, ranges: Floats) -> Floats:
@@ -511,4 +530,4 @@ def _on_walls(echo: Echo, away: float, normals: Floats) -> Floats:
     """Places on walls with these normals that return an echo."""
     c, s = np.cos(normals)[:, None], np.sin(normals)[:, None]
     x, y = echo.x + away * c - ALONG_M * s, echo.y + away * s + ALONG_M * c
-    return np.column_stack([x.ravel(), y.ravel()])
+    return paired(x.ravel(), y.ravel())

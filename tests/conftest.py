@@ -71,9 +71,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def sockets_of_its_own() -> Iterator[None]:
-    """Have the processes of a session's tests find each other, and nobody else's."""
+    """Have the processes of a session's tests find each other, and nobody else's.
+
+    What programs keep for their user, such as places and rehearsals, goes with the session, too.
+    """
     with session_folder() as folder, pytest.MonkeyPatch.context() as patch:
         patch.setenv(RUNTIME_VARIABLE, folder)
+        patch.setenv("XDG_DATA_HOME", f"{folder}/data")
         yield
 
 

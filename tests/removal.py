@@ -39,6 +39,7 @@ FOLDERS: Final = {
     "watch": "armadico/watch",
     "contracts": "armadico/contracts",
     "keys": "armadico/keys",
+    "rehearsal": "armadico/rehearsal",
 }
 """The packages that may go, and their folders."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from math import atan2, copysign, cos, hypot, inf, pi, radians, sin
 from typing import ClassVar, Literal, NamedTuple
@@ -18,15 +17,25 @@ from armadico.core.resources import WHEELS
 from armadico.mobile.behaviour import MOSTLY, Behaviour
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import Pose
+from armadico.mobile.motion import Speeds
 from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.offers import near, open_ways, repelled, speeds_of
 from armadico.mobile.safety import ON_THE_SPOT_M_S, Scene, corner_cut, critical
 from armadico.mobile.swept_path import free_path, free_turn
 
 FLANKS = ((1.0, 0.0), (0.5, 0.2), (0.2, 0.5), (0.0, 0.8))
 """Shares of `flank_m` tried beside the footprint, and the cost of a tight fit, rad."""
 
+ON_GOAL_M = 0.1
+"""Nearer to its goal than this a robot that stands is to turn, and cannot. One that has turned is
+held by goto, whose bid there is the largest."""
+
 BID_GAP_S = 0.5
 """Longer than this without a bid, it does not know whether the robot stood still, s."""
+
+KEEPS_S = 0.3
+"""The way is free once it has been for so long, s. A wall beside the robot, nearer than the margin,
+obstructs it by one reading and not by the next."""
 
 LEAST_REACH_M = 0.3
 """Least distance, before the footprint, over which an open heading must be free, at any bend."""
@@ -38,20 +47,6 @@ BACK_STALL_S = 1.0
 """Still stalled this long after it began to back off, s, the way back is blocked."""
 
 SMALL, LATCHED = radians(2), radians(15)
-
-REFUSED_CYCLES, REFUSED_FOR_S = 5, 4.0
-"""A motion that the robot agent caps, in so many cycles in which the robot stands, is not tried
-again for the second, s: its readings show what the published obstacles do not. In that time the
-robot turns round the other way. Both are chosen."""
-
-RESTS_M_S, RESTS_RAD_S = 0.02, 0.05
-"""Slower than this it stands."""
-
-
-Motion = tuple[int, int]
-"""The signs of v and w."""
-
-STANDS: Motion = (0, 0)
 
 
 class Way(NamedTuple):
@@ -131,26 +126,11 @@ class Avoid(Behaviour):
         self._backs_since = inf
         self._turns_until = -inf
         self._creeps = 1.0  # +1 on, -1 back
-        self._stood: Counter[Motion] = Counter()  # cycles in which it stood, by its order
-        self._refused: dict[Motion, float] = {}  # until when, s
+        self._needed = (0.0, -inf)  # its last utility above 0, and when
 
-    def on_robot_state(self, state: RobotState) -> None:
-        """Note which of its motions the robot agent refuses."""
-        super().on_robot_state(state)
-        if not self.drives(WHEELS, state.driver):
-            return
-        if _motion(state.v, state.w) != STANDS:
-            self._stood.clear()
-        elif state.capped and not state.stalled:  # if it stalls it backs off already
-            motion = _motion(state.ordered.v, state.ordered.w)
-            self._stood[motion] += motion != STANDS
-            if self._stood[motion] >= REFUSED_CYCLES:
-                self._stood[motion] = 0
-                self._refused[motion] = self.now + REFUSED_FOR_S
-                self._side = -float(motion[1]) or self._side
-
-    def _is_refused(self, v: float, w: float) -> bool:
-        return self.now < self._refused.get(_motion(v, w), -inf)
+    def on_refused(self, w: float) -> None:
+        """Turn round the other way."""
+        self._side = -w or self._side
 
     def on_mission(self) -> None:
         """Reset the latched side and the timers."""
@@ -168,6 +148,27 @@ class Avoid(Behaviour):
             self.why = "nothing in the way"
         return bid
 
+    def rate(self, bid: Bid | None, actions: Sequence[Speeds]) -> Sequence[float]:
+        """By the free way on each arc; the nearer to its bid, the better, where it has one."""
+        obstacles = self.fresh(Obstacles)
+        if obstacles is None or self._body is None:
+            return ()
+        margin = self.p.safety.margin_m
+        free = open_ways(obstacles.points, self.body, actions, margin, self.p.reach_m)
+        if bid is None or bid.utility <= 0.0:
+            return free
+        share, wish = bid.utility, near(speeds_of(bid), actions)
+        pairs = zip(free, wish, strict=True)
+        return [f if f <= -1.0 else (1.0 - share) * f + share * n for f, n in pairs]
+
+    def vector(self, bid: Bid | None) -> Speeds:  # noqa: ARG002
+        """Away from what is near: the faster the robot, the farther it reaches."""
+        obstacles, state = self.fresh(Obstacles), self.latest(RobotState)
+        if obstacles is None or state is None or self._body is None:
+            return 0.0, 0.0
+        sphere, margin = self.p.danger.border(state.v), self.p.safety.margin_m
+        return repelled(obstacles.points, self.body.outline, sphere, margin)
+
     def _safe(self, obstacles: Obstacles, pose: Pose, state: RobotState) -> Bid | None:
         p, points, scene = self.p, obstacles.points, self.scene(obstacles)
         v, way = max(state.v, 0.0), self._way(pose, obstacles)
@@ -176,6 +177,7 @@ class Avoid(Behaviour):
         utility = ramp_down(free, p.stop.border(v), p.caution.border(v))
         if self._stuck(pose, state):
             utility = 1.0
+        utility = self._steadied(utility)
         self._unlatch(pose)
         if utility <= 0.0:
             if self.share(WHEELS) < MOSTLY:
@@ -186,6 +188,14 @@ class Avoid(Behaviour):
         left = along - self.body.stopping_distance(v)
         within = None if left == inf else max(0.0, 0.5 * left / max(v, 0.05))
         return Bid(utility, action, critical(scene, p.safety), within, reason)
+
+    def _steadied(self, utility: float) -> float:
+        """The utility; a holder's stays for `KEEPS_S` after the way was last obstructed."""
+        if utility > 0.0:
+            self._needed = utility, self.now
+        elif self.share(WHEELS) >= MOSTLY and self.now - self._needed[1] <= KEEPS_S:
+            return self._needed[0]
+        return utility
 
     def _along(self, points: Sequence[Point], v: float, w: float) -> float:
         """The free distance on the present arc, m; infinite while it turns on the spot.
@@ -226,7 +236,7 @@ class Avoid(Behaviour):
             speed = 0.0 if abs(heading) > p.aligned else min(speed, p.v_danger)
         w = max(-p.w_max, min(p.w_max, p.turn_gain * heading))
         speed, w = self.limited_in(scene, speed, w, p.safety)
-        if self._is_refused(speed, w):
+        if self.refuses(speed, w):
             return self._turn_on_the_spot(scene, heading), "the robot agent refuses the motion"
         degrees = heading * 180 / pi
         turns = speed < 0.02
@@ -284,7 +294,7 @@ class Avoid(Behaviour):
         at = None if ack is None or ack.obeyed is None else ack.obeyed_cycle
         driven = at is not None and self.cycles.fresh(at)
         idle, self._bid_at = self._was_idle, self.now
-        near = self.route.to_go(pose.x, pose.y) < self.p.goal_m
+        near = ON_GOAL_M < self.route.to_go(pose.x, pose.y) < self.p.goal_m
         excused = idle or near or not driven
         self._update_rest(
             excused or abs(state.v) > 0.02 * self.pose_confidence or abs(state.w) > 0.05
@@ -341,7 +351,7 @@ class Avoid(Behaviour):
         if behind <= self.p.back_room_m:
             return None
         v, w = self.limited_in(scene, -self.p.v_back, 0.0, self.p.safety)
-        return (v, w) if v < 0.0 and not self._is_refused(v, w) else None
+        return (v, w) if v < 0.0 and not self.refuses(v, w) else None
 
     def _unlatch(self, pose: Pose) -> None:
         """Clear the side once the passed obstacle is far behind and avoid does not hold."""
@@ -356,7 +366,7 @@ class Avoid(Behaviour):
             room = free_turn(scene.points, direction, self.body.outline, TURN_MARGIN_M)
             if room > self.p.safety.turn_room:
                 v, w = self.limited_in(scene, 0.0, direction * self.p.w_stop, self.p.safety)
-                if w != 0.0 and not self._is_refused(v, w):
+                if w != 0.0 and not self.refuses(v, w):
                     return v, w
         if (back := self._back(scene)) is None:
             return self._creep(scene)
@@ -370,7 +380,7 @@ class Avoid(Behaviour):
         """
         for creeps in (self._creeps, -self._creeps):
             v, _ = self.limited_in(scene, creeps * self.p.v_back, 0.0, self.p.safety)
-            if abs(v) >= 0.5 * self.p.v_back and not self._is_refused(v, 0.0):
+            if abs(v) >= 0.5 * self.p.v_back and not self.refuses(v, 0.0):
                 self._creeps = creeps
                 return v, 0.0
         return 0.0, 0.0
@@ -388,12 +398,6 @@ class Avoid(Behaviour):
         away = hypot(dx, dy)
         bends = away < 0.99 * self.p.ahead_m
         return Way(wrap(atan2(dy, dx) - pose.theta), away if bends else inf)
-
-
-def _motion(v: float, w: float) -> Motion:
-    """The direction of speeds."""
-    ahead, left = abs(v) >= RESTS_M_S, abs(w) >= RESTS_RAD_S
-    return ahead * int(copysign(1, v)), left * int(copysign(1, w))
 
 
 def _rotated(points: Sequence[Point], heading: float) -> list[Point]:

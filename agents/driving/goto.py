@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from math import atan2, hypot, inf, radians
+from collections.abc import Sequence
+from math import atan2, cos, hypot, inf, radians, sin
 from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta
@@ -21,12 +22,17 @@ from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import Pose, Waypoint
 from armadico.mobile.motion import Body, Speeds
 from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.offers import near, onward, speeds_of
 from armadico.mobile.safety import corner_cut, unhurried
 
 Speed = Annotated[float, Meta(gt=0, le=10)]
 Metres = Annotated[float, Meta(gt=0, le=10)]
 Angle = Annotated[float, Meta(gt=0, le=3.1416)]
 Share = Annotated[float, Meta(ge=0, le=1)]
+
+
+ARRIVED = 0.01
+"""Length of the vector at the goal, which only has to turn the robot."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -64,7 +70,7 @@ class Goto(Behaviour):
     name = "goto"
     reacts_to = Pose
     parameters = Parameters
-    launched_with = ("controller", "v_max", "safety.unmapped")
+    launched_with: ClassVar[tuple[str, ...]] = ("controller", "v_max", "safety.unmapped")
     changeable: ClassVar = {
         "v_max": "m/s",
         "ahead_m": "m",
@@ -96,11 +102,40 @@ class Goto(Behaviour):
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """The speeds along the trajectory, and their utility."""
-        v, w = self._desired(pose, obstacles)
+        wanted = v, w = self._desired(pose, obstacles)
         if self.p.rules == "safe":
             v, w = self.limited(v, w, obstacles, self.p.safety)
         self._commanded = (v, w)
-        return Bid(self._utility(pose), (v, w), reason=self._reason(pose, v, w))
+        # Where an obstacle lets it do nothing, the largest bid would keep others from freeing it.
+        held = v == w == 0.0 and any(wanted)
+        utility = self.p.p_min if held else self._utility(pose)
+        return Bid(utility, (v, w), reason=self._reason(pose, v, w))
+
+    def rate(self, bid: Bid | None, actions: Sequence[Speeds]) -> Sequence[float]:
+        """By progress and heading; near the goal, where it parks, by its bid."""
+        pose, obstacles, goal = self.fresh(Pose), self.fresh(Obstacles), self.route.goal
+        if bid is None or pose is None or obstacles is None or goal is None:
+            return ()
+        if self.route.last_leg and hypot(goal.x - pose.x, goal.y - pose.y) <= self.p.park_m:
+            return near(speeds_of(bid), actions)
+        to = self._ahead(pose, obstacles)[0]
+        bearing = wrap(atan2(to.y - pose.y, to.x - pose.x) - pose.theta)
+        return onward(bearing, self._controller.settings.fast.v, actions)
+
+    def vector(self, bid: Bid | None) -> Speeds:
+        """Towards the point that it steers to, shorter near the goal; there its heading."""
+        pose, obstacles, goal = self.fresh(Pose), self.fresh(Obstacles), self.route.goal
+        if bid is None or pose is None or obstacles is None or goal is None:
+            return 0.0, 0.0
+        off = hypot(goal.x - pose.x, goal.y - pose.y)
+        length = min(off / self.p.u_high_m, 1.0)
+        to = self._ahead(pose, obstacles)[0]
+        heading = atan2(to.y - pose.y, to.x - pose.x)
+        close = self.route.last_leg and off <= self._controller.settings.leave_m
+        if close and speeds_of(bid)[0] == 0.0:  # it has arrived, and turns on the spot
+            length, heading = ARRIVED, goal.theta
+        turn = wrap(heading - pose.theta)
+        return length * cos(turn), length * sin(turn)
 
     def _reason(self, pose: Pose, v: float, w: float) -> str:
         """Where it drives to; that it stands beside the goal, if it cannot know the way there."""

@@ -23,13 +23,23 @@ from armadico.agents.fleet.tours import TURN_S, Tours
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent, Question
 from armadico.core.exchange import Bid
-from armadico.core.messages import Cycle, Description, Message, RobotState, line, next_count
+from armadico.core.mechanisms import chosen
+from armadico.core.messages import (
+    Cycle,
+    Description,
+    Message,
+    RobotState,
+    line,
+    next_count,
+)
 from armadico.core.services import service_of
 from armadico.mobile.behaviour import LOST_M
 from armadico.mobile.driven import Event, Ordered
 from armadico.mobile.messages import (
     BatteryLevel,
+    FleetAwards,
     FleetPose,
+    FleetProposals,
     MissionReply,
     MissionRequest,
     MissionState,
@@ -115,15 +125,16 @@ class Fleet(Agent):
     name = "fleet"
     alone = True
     receives: ClassVar[tuple[type[Message], ...]] = (
-        *(Pose, BatteryLevel, MissionStatus, FleetTasks, FleetClaims, FleetPassages),
+        *(Pose, BatteryLevel, MissionStatus, FleetTasks, FleetClaims, FleetPassages, FleetAwards),
     )
     provides: ClassVar[tuple[type[Message], ...]] = (
-        *(FleetPose, FleetTasks, FleetClaims, FleetBoard, FleetStatus),
+        *(FleetPose, FleetTasks, FleetClaims, FleetBoard, FleetStatus, FleetProposals),
     )
     answers: ClassVar[tuple[type[Message], ...]] = (FleetRequest,)
     queries: ClassVar[tuple[type[Message], ...]] = (MissionRequest, PlanRequest)
+    competes_later = ("task-",)
     parameters = Parameters
-    launched_with = ("namespace",)
+    launched_with = ("namespace", "social.coordination")
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
@@ -222,6 +233,15 @@ class Fleet(Agent):
         if len(work.sharing.done) != before:
             self._remember(work)
         self._check_done(work)
+        self._go_on()
+
+    def on_fleet_awards(self, message: FleetAwards) -> None:
+        """Process an arbiter's decisions about tasks."""
+        work = self.work
+        if work is None:
+            return
+        if why := work.sharing.on_awards(message, self.now):
+            self.refuse(service_of(FleetAwards).key, why)
         self._go_on()
 
     def on_fleet_passages(self, message: FleetPassages) -> None:
@@ -343,6 +363,9 @@ class Fleet(Agent):
             claims = work.sharing.drain()
             if claims is not None:
                 self.publish(claims)
+            proposals = work.sharing.next_proposals(self.robot)
+            if proposals is not None:
+                self.publish(proposals)
         self._set_alarm()
 
     def _start(self, work: Work, task: int) -> None:
@@ -362,7 +385,9 @@ class Fleet(Agent):
                 self._remember(work)
             self._go_on()
 
-        self.query(MissionRequest(work.list.tasks[task].goal), on_reply, self.p.planning_s)
+        self.query(
+            MissionRequest(work.list.tasks[task].goal, by=self.name), on_reply, self.p.planning_s
+        )
 
     def _end_drive(self) -> None:
         self._drive.drop()
@@ -379,7 +404,7 @@ class Fleet(Agent):
                 self._drive.own.add(reply.mission)
 
         here = Waypoint(pose.x, pose.y, pose.theta)
-        self.query(MissionRequest(here, planned=False), on_reply)
+        self.query(MissionRequest(here, planned=False, by=self.name), on_reply)
 
     def _drop(self, why: str) -> None:
         """Leave the current task; the robot stands if there is no other."""
@@ -442,7 +467,10 @@ class Fleet(Agent):
         if self.work is not None:
             self._over.add(self.work.list.id)  # a robot that still works on it cannot restore it
         count = len(tasks.tasks)
-        sharing = TaskSharing(self.robot, self.instance, tasks.id, count, self.rng, self.now)
+        sharing = TaskSharing(
+            *(self.robot, self.instance, tasks.id, count, self.rng, self.now),
+            lambda resource, clock: chosen(resource, self, clock)[1],
+        )
         self.work, self._give_at = Work(tasks, sharing, self.p.cruise_m_s), None
         self.log(f"a list of {count} tasks")
         self._set_alarm()

@@ -17,13 +17,14 @@ from armadico.agents.methods.known_robots import KnownRobots
 from armadico.config.worlds import load_world
 from armadico.core import agent
 from armadico.core.exchange import Bid
+from armadico.core.mechanisms import chosen
 from armadico.core.messages import Message, RobotState
 from armadico.core.parameters import Safety
 from armadico.core.resources import Resource
 from armadico.core.services import service_of
 from armadico.mobile.behaviour import LOST_M, Behaviour
 from armadico.mobile.geometry import Pose2, relative
-from armadico.mobile.messages import FleetPose, Pose
+from armadico.mobile.messages import FleetAwards, FleetPose, FleetProposals, Pose
 from armadico.mobile.obstacles import Obstacles
 
 Metres = Annotated[float, Meta(gt=0, le=100)]
@@ -103,8 +104,12 @@ class GiveWay(Behaviour):
 
     name = "giveway"
     reacts_to = Obstacles
-    receives: ClassVar[tuple[type[Message], ...]] = (*Behaviour.receives, FleetPose, FleetPassages)
-    provides: ClassVar[tuple[type[Message], ...]] = (FleetPassages,)
+    receives: ClassVar[tuple[type[Message], ...]] = (
+        *Behaviour.receives,
+        *(FleetPose, FleetPassages, FleetAwards),
+    )
+    provides: ClassVar[tuple[type[Message], ...]] = (FleetPassages, FleetProposals)
+    competes_later: tuple[str, ...] = ("passage-",)
     parameters = Parameters
     launched_with = ("v_max", "namespace", "world")
     changeable: ClassVar = {
@@ -122,6 +127,8 @@ class GiveWay(Behaviour):
         self.passages: Passages | None = None
         if self.p.world is not None:
             self.passages = passages_of(load_world(self.p.world))
+            if not self.passages.count:
+                self.competes_later = ()
         self.sharing: Sharing | None = None
         self._robots = KnownRobots(self.robot)
         self._last_seen: dict[str, tuple[FleetPose, float]] = {}
@@ -139,7 +146,10 @@ class GiveWay(Behaviour):
         if self.passages is not None and self.passages.count:
             resources = [resource_of(number) for number in range(self.passages.count)]
             epoch = self.passages.id
-            self.sharing = Sharing(self.instance, epoch, resources, self.rng, self.now)
+            self.sharing = Sharing(
+                *(self.instance, epoch, resources, self.rng, self.now),
+                lambda resource, clock: chosen(resource, self, clock)[1],
+            )
             self.wake_at(self.sharing.wakeup)
 
     # Inputs ---------------------------------------------------------------------------------------
@@ -162,6 +172,12 @@ class GiveWay(Behaviour):
         if self.sharing.on_other_claims(message.instance, message.cycle, message.claims, self.now):
             self._take_turn()
         self._publish_claims()
+
+    def on_fleet_awards(self, message: FleetAwards) -> None:
+        """Process an arbiter's decisions about passages."""
+        why = "" if self.sharing is None else self.sharing.on_awards(message, self.now)
+        if why:
+            self.refuse(service_of(FleetAwards).key, why)
 
     def on_wakeup(self) -> None:
         """Count the fleet's cycles on, and take over what is free."""
@@ -232,10 +248,11 @@ class GiveWay(Behaviour):
         """What the next passage is worth; None if the robot must not enter it now."""
         sharing = self.sharing
         assert sharing is not None, "of shared passages"
-        if passage in sharing.held and sharing.confirmed(passage, CONFIRMED):
+        held, occupied = passage in sharing.held, self._occupied(passage)
+        if held and not occupied and sharing.confirmed(passage, CONFIRMED):
             return 1.0
-        if self._occupied(passage):
-            return None
+        if occupied and (held or sharing.by_ballots):
+            return None  # who is inside needs it first; an arbiter is to know who came first
         if passage not in self._through and any(
             passage in message.through
             for message, at in self._received.values()
@@ -262,6 +279,9 @@ class GiveWay(Behaviour):
         if claims is not None:
             waits = self.now - self._stood_at <= STANDS_S
             self.publish(FleetPassages(self.robot, self.instance, *claims, self._through, waits))
+        proposals = sharing.next_proposals(self.robot)
+        if proposals is not None:
+            self.publish(proposals)
         self.wake_at(sharing.wakeup)
 
     # The wheels -----------------------------------------------------------------------------------
@@ -290,8 +310,7 @@ class GiveWay(Behaviour):
         assert sharing is not None, "of shared passages"
         if inside is None or inside in sharing.held:
             return None
-        rival = sharing.rival(inside)
-        if rival is None:
+        if not sharing.taken_by(inside):
             return Bid(self.p.utility, (0.0, 0.0), reason=f"waits for passage {inside}")
         return self._back_off(here, obstacles, inside)
 
@@ -307,10 +326,10 @@ class GiveWay(Behaviour):
         if self._next is None:
             return None
         away, passage = self._next
-        if sharing.confirmed(passage, CONFIRMED):
+        if sharing.confirmed(passage, CONFIRMED) and not self._occupied(passage):
             return None
         leaving = any(passages.near(each, *here[:2], self.p.left_m) for each in sharing.held)
-        if away < MOUTH_M and not leaving and sharing.rival(passage) is not None:
+        if away < MOUTH_M and not leaving and sharing.taken_by(passage):
             return self._back_off(here, obstacles, passage)
         if away <= (BEFORE_M if leaving else self.p.stop_m):
             return Bid(self.p.utility, (0.0, 0.0), reason=f"waits for passage {passage}")
@@ -325,12 +344,13 @@ class GiveWay(Behaviour):
         Otherwise two robots side by side would drive on until they stand beside each other, where
         they cannot turn.
         """
-        name = resource_of(passage).name
+        assert self.sharing is not None, "of shared passages"
+        holder = self.sharing.taken_by(passage)
         for robot, (_, there) in self._robots.others(self.now).items():
             message, at = self._received.get(robot, (None, -inf))
             if message is None or passage not in message.through or self.now - at > SPOKEN_S:
                 continue
-            if any(claim.resource == name for claim in message.claims):
+            if message.instance == holder:
                 continue
             x, y, _ = relative(here, there)
             if x > 0.0 and hypot(x, y) < self.p.queue_m:

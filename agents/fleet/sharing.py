@@ -12,6 +12,9 @@ come at the pace of its fastest clock and go on whichever robot fails. In its tu
 what it holds and for what it wants, and publishes all that it holds in one message: the number of
 messages of a cycle does not grow with the resources or the contenders.
 
+By another mechanism (`armadico.core.mechanisms`) a robot proposes to an arbiter, which awards, or
+it claims by rules of its own.
+
 Sans-IO: claims and the time (s) in, claims out.
 """
 
@@ -24,8 +27,11 @@ from typing import Final
 from armadico.core.coordination import Contender, Owner
 from armadico.core.cycles import CycleClock
 from armadico.core.exchange import EXCHANGES, Bid
-from armadico.core.messages import Claim, Command, Cycle, Message
+from armadico.core.mechanisms import Mechanism
+from armadico.core.membership import agent_of
+from armadico.core.messages import Award, Claim, Command, Cycle, Message, Proposal
 from armadico.core.resources import Resource
+from armadico.mobile.messages import FleetAwards, FleetProposals
 
 # A robot that is more cycles ahead than this is followed only if its cycles come steadily: a single
 # wrong number must not end a clock.
@@ -88,6 +94,10 @@ class FleetClock:
         self.due = now + self.cycles.period
 
 
+Choose = Callable[[Resource, CycleClock], Mechanism | None]
+"""Returns another mechanism than ballots for a resource; None: ballots."""
+
+
 class Sharing:
     """One robot's side of several resources between robots, numbered from 0."""
 
@@ -98,6 +108,7 @@ class Sharing:
         resources: Sequence[Resource],
         rng: random.Random,
         now: float,
+        choose: Choose = lambda _resource, _clock: None,
     ) -> None:
         """Begin to contend for resources of one period, at a time, s.
 
@@ -108,22 +119,33 @@ class Sharing:
         self.instance = instance
         self.clock = FleetClock(epoch, period, now)
         cycles, exchange = self.clock.cycles, EXCHANGES["abrupt"]
-        self._contenders = [
-            Contender(resource, instance, cycles, exchange, rng) for resource in resources
+        self._contenders: list[Mechanism] = [
+            choose(each, cycles) or Contender(each, instance, cycles, exchange, rng)
+            for each in resources
         ]
         self._owners = [Owner(resource, cycles) for resource in resources]
         self._numbers = {resource.name: number for number, resource in enumerate(resources)}
         self._claimed: dict[int, Claim] = {}  # by this robot, in this cycle
         self._published = True  # whether those have been published
+        self._proposed: dict[int, Proposal] = {}  # by this robot, in this cycle
+        self._proposed_in: Cycle | None = None  # None: they have been published
+        self._awards: dict[int, Award] = {}  # the newest of each resource
+
+    @property
+    def by_ballots(self) -> bool:
+        """Whether other robots' claims decide, by ballots or by a variant of them."""
+        return all(isinstance(each, Contender) for each in self._contenders)
 
     @property
     def held(self) -> list[int]:
         """The resources that this robot holds, as far as it knows."""
-        return [number for number, each in enumerate(self._contenders) if each.holding]
+        return [number for number, each in enumerate(self._contenders) if each.share > 0.0]
 
     def confirmed(self, number: int, cycles: int) -> bool:
         """Return whether a resource was held for so many cycles: its claim is known by then."""
         contender = self._contenders[number]
+        if not isinstance(contender, Contender):
+            return contender.share > 0.0
         tenure = contender.tenure
         if not contender.holding or tenure is None:
             return False
@@ -132,11 +154,22 @@ class Sharing:
     def rival(self, number: int) -> Claim | None:
         """The newest fresh claim of another robot that holds a resource; None if there is none."""
         contender = self._contenders[number]
+        if not isinstance(contender, Contender):
+            return None
         rival = contender.rival
         if contender.holding or rival is None or rival.gone or rival.claim.utility is None:
             return None
         age = self.clock.cycles.age(rival.claim.cycle)
         return rival.claim if age is not None and age <= self.clock.cycles.fresh_cycles else None
+
+    def taken_by(self, number: int) -> str:
+        """The instance of another robot that has a resource, by its claim or an award; "": none."""
+        rival, award = self.rival(number), self._awards.get(number)
+        if rival is not None:
+            return rival.ballot.instance
+        if award is None or not award.agents or not self.clock.cycles.fresh(award.cycle):
+            return ""
+        return "" if self.instance in award.agents else award.agents[0]
 
     def on_other_claims(
         self, instance: str, cycle: Cycle, claims: Iterable[Claim], now: float
@@ -153,6 +186,8 @@ class Sharing:
             there.add(number)
             self._on_claim(number, claim, now)
         for number, contender in enumerate(self._contenders):
+            if not isinstance(contender, Contender):
+                continue
             rival = contender.rival
             if rival is None or rival.claim.ballot.instance != instance or rival.gone:
                 continue
@@ -166,6 +201,7 @@ class Sharing:
     def turn(self, bids: Callable[[], Mapping[int, Bid]], now: float) -> None:
         """Take the turn of a cycle that has begun; `bids` by number, none for all others."""
         self._claimed.clear()
+        self._proposed.clear()
         for number, contender in enumerate(self._contenders):
             ack = self._owners[number].ack(())
             if ack is not None:
@@ -174,6 +210,7 @@ class Sharing:
         for number in range(len(self._contenders)):
             self._bid(number, wanted.get(number), now)
         self._published = False
+        self._proposed_in = self.clock.cycles.newest
 
     def release(self, numbers: Iterable[int], now: float) -> None:
         """Release resources at once."""
@@ -203,9 +240,38 @@ class Sharing:
         claims = tuple(
             claim
             for number, claim in self._claimed.items()
-            if claim.utility is None or self._contenders[number].holding
+            if claim.utility is None or self._contenders[number].share > 0.0
         )
         return cycle, claims
+
+    def next_proposals(self, robot: str) -> FleetProposals | None:
+        """Return the message to an arbiter to be published now, if any."""
+        cycle, self._proposed_in = self._proposed_in, None
+        if cycle is None or not any(Award in each.receives for each in self._contenders):
+            return None
+        proposals = tuple(each for n, each in self._proposed.items() if not self.closed(n))
+        holds = [self._owners[n].resource.name for n in self.held if not self.closed(n)]
+        return FleetProposals(robot, self.instance, cycle, proposals, tuple(holds))
+
+    def on_awards(self, message: FleetAwards, now: float) -> str:
+        """Process an arbiter's decisions; return why they are refused, "" if they are not."""
+        if message.cycle.epoch != self.clock.epoch:
+            return ""
+        if self.by_ballots:
+            decides, what = agent_of(message.instance), self._owners[0].resource.name
+            return (
+                f"{decides} awards {what.rpartition('-')[0]}s, and this robot shares them by"
+                " ballots: start all with one --coordination"
+            )
+        for award in message.awards:
+            number = self._numbers.get(award.resource)
+            if number is None or not self.clock.cycles.fresh(award.cycle):
+                continue
+            contender = self._contenders[number]
+            if Award in contender.receives and not self.closed(number):
+                self._awards[number] = award
+                self._judge_own(number, contender.on_message(award, now), now)
+        return ""
 
     def closed(self, number: int) -> bool:  # noqa: ARG002 - for subclasses
         """Return whether a resource is no longer contended for."""
@@ -236,3 +302,5 @@ class Sharing:
                 owner.on_claim(message)
                 self._claimed[number] = message
                 self._published = False
+            elif isinstance(message, Proposal):
+                self._proposed[number] = message

@@ -14,7 +14,7 @@ from functools import cache
 from typing import Final
 
 from armadico.agents.fleet.messages import FleetClaims, FleetDone
-from armadico.agents.fleet.sharing import Sharing
+from armadico.agents.fleet.sharing import Choose, Sharing
 from armadico.core.exchange import Bid
 from armadico.core.resources import Resource
 
@@ -53,9 +53,11 @@ class TaskSharing(Sharing):
         tasks: int,
         rng: random.Random,
         now: float,
+        choose: Choose = lambda _resource, _clock: None,
     ) -> None:
         """Begin to share so many tasks, at a time, s."""
-        super().__init__(instance, list_id, [resource_of(task) for task in range(tasks)], rng, now)
+        resources = [resource_of(task) for task in range(tasks)]
+        super().__init__(instance, list_id, resources, rng, now, choose)
         self.robot, self.tasks = robot, tasks
         self.done: dict[int, dict[str, bool]] = {}  # by task and robot, whether that is unsure
         self.given_up: set[int] = set()  # by this robot

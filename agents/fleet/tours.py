@@ -167,6 +167,9 @@ class Tours:
     ) -> Mapping[int, Bid]:
         """Return the bids: for all held tasks, and for one more.
 
+        By another mechanism than ballots it bids for all open tasks, and which robot holds them is
+        of no account; the first number of an action is then the time to go there directly.
+
         Args:
             sharing: Which robot holds which task.
             here: The robot's position, m.
@@ -180,6 +183,7 @@ class Tours:
         utility = self.worth(finish)
         found = {task: Bid(utility, (at, finish)) for task, at in zip(order, times, strict=True)}
         best: tuple[bool, float, int, float] | None = None
+        every = not sharing.by_ballots
         for task in sharing.open:
             if task in found or task in barred:
                 continue
@@ -189,6 +193,9 @@ class Tours:
             if after == inf or after * self.joules_a_s > self.left_j:
                 continue
             worth = self.worth(after)
+            if every:
+                found[task] = Bid(worth, (min(self.first(here, task), 1e6), min(after, 1e6)))
+                continue
             if rival is None:
                 wanted = (True, -more, task, after)
             else:

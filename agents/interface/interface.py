@@ -18,10 +18,11 @@ from armadico.agents.interface.messages import (
     MissionWithdrawal,
 )
 from armadico.agents.interface.nearing import Contacts, Nearing, since
-from armadico.agents.interface.schedule import Schedule, delay, doubt
+from armadico.agents.interface.schedule import Schedule, cap_of, delay, doubt, wanted_of
 from armadico.agents.methods.odometry import SLOW_M_S, SLOW_RAD_S, rests
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent, Question
+from armadico.core.membership import agent_of
 from armadico.core.messages import (
     Action,
     Description,
@@ -40,7 +41,9 @@ from armadico.mobile.behaviour import FOUND_S, LOST_M, driven_by
 from armadico.mobile.driven import Event, Stage, following
 from armadico.mobile.geometry import relative, wrap
 from armadico.mobile.messages import (
+    CANCELLED,
     NO_POSE,
+    UNGUARDED,
     WAYPOINTS,
     ByHand,
     InitialPose,
@@ -52,6 +55,7 @@ from armadico.mobile.messages import (
     Plan,
     PlanRequest,
     Pose,
+    Terms,
     Trajectory,
     Way,
     Waypoint,
@@ -97,6 +101,9 @@ NOT_PLACED: Final = "no encoder agent took on where the robot stands"
 BESIDE_M: Final = 0.5
 
 MAP_MOVED: Final = "the map has moved"
+
+GUARD_S: Final = 5.0
+"""A mission ends without its guard for so long, s: a supervisor restarts a killed agent before."""
 
 MOVES_S: Final = 1.0  # a path on a new revision of the map waits so long for the pose on it
 
@@ -163,6 +170,8 @@ class Mission:
         revision: Of the map that the path lies on.
         rule: For plans made under way.
         planned: Whether its path comes from the planner.
+        terms: What it must keep; None: nothing.
+        by: Who ordered it: a person, a program or an agent; "" if that is not known.
         to_go: The remaining length, m.
         waits: No path is free: the reason, as far as it is known.
         replans: The reason for a replanning that is due.
@@ -175,6 +184,8 @@ class Mission:
     revision: int = 0
     rule: Rule | None = None
     planned: bool = False
+    terms: Terms | None = None
+    by: str = ""
     to_go: float = 0.0
     waits: str | None = None
     replans: str = ""
@@ -226,6 +237,8 @@ class Interface(Agent):
         self._held = False  # the mission is the path of the trajectory's holder
         self._placing: tuple[Question, MissionRequest, float] | None = None  # with its timeout
         self._withdrawn: dict[int, tuple[MissionCancel, float]] = {}  # by number, with a timeout
+        self._alive: dict[str, set[str]] = {}  # instances by the name of their agent
+        self._unguarded: float | None = None  # since when the mission's guard is not alive, s
 
     def on_start(self) -> None:
         """Begin to publish regularly."""
@@ -339,7 +352,14 @@ class Interface(Agent):
 
         self.query(MissionProposal(order), on_reply)
 
-    def on_mission_cancel(self, cancel: MissionCancel, question: Question) -> None:
+    def on_mission_cancel(self, cancel: MissionCancel, question: Question) -> MissionReply | None:
+        """End the goal that is driven, or pass the cancellation on to mission planning."""
+        driven = self._stage is Stage.DRIVING and not self._held
+        if driven and cancel.mission and cancel.mission == self._mission.number:
+            self._fail(f"{CANCELLED}{cancel.by or 'people'}")
+            return MissionReply(cancel.mission)
+        if cancel.mission and cancel.mission == self._mission.number and not self._held:
+            return MissionReply(0, f"it has ended already: {self._stage.value}")
 
         def on_reply(reply: MissionReply | None) -> None:
             if reply is None and cancel.mission:
@@ -347,6 +367,28 @@ class Interface(Agent):
             self.answer(question, reply or MissionReply(0, NO_MISSION_PLANNING))
 
         self.query(MissionWithdrawal(cancel), on_reply)
+        return None
+
+    def on_appeared(self, name: str, instance: str) -> None:
+        self._alive.setdefault(name, set()).add(instance)
+
+    def on_disappeared(self, name: str, instance: str) -> None:
+        self._alive.get(name, set()).discard(instance)
+
+    def _check_guard(self) -> None:
+        """End a mission whose guard has not been alive for some time: nobody watches it."""
+        terms = self._mission.terms
+        missing = (
+            self._stage is Stage.DRIVING
+            and terms is not None
+            and terms.guard != ""
+            and not self._alive.get(terms.guard)
+        )
+        self._unguarded = since(self._unguarded, missing, self.now)
+        if self._unguarded is not None and self.now - self._unguarded > GUARD_S:
+            assert terms is not None, "it is missing"
+            self._unguarded = None
+            self._fail(f"{UNGUARDED}no agent {terms.guard} is alive")
 
     def _withdraw(self, cancel: MissionCancel) -> None:
         """Withdraw a mission repeatedly until there is a reply."""
@@ -388,7 +430,14 @@ class Interface(Agent):
             self._note = line(f"another way is driven instead, for {by}")
             self._publish_status()
         route = Route(action.waypoints, action.start, action.leg, action.unseen)
-        mission = Mission(action.id, route, pose.revision, planned=action.planned)
+        holder = self.owner(TRAJECTORY).obeyed
+        by = "" if holder is None else agent_of(holder.instance)
+        mission = Mission(
+            *(action.id, route, pose.revision),
+            planned=action.planned,
+            terms=action.terms,
+            by=by if action.terms is None else action.terms.by,
+        )
         self._take_on(mission, pose)
         if action.planned and route.off(pose.x, pose.y) > BESIDE_M:
             mission.waits = ""  # until there is a path from here
@@ -412,7 +461,7 @@ class Interface(Agent):
             return resource.neutral
         route = self._mission.route
         driven = self._mission.number, route.waypoints, route.start, route.leg
-        return encode(Way(*driven, self._mission.planned, route.unseen))
+        return encode(Way(*driven, self._mission.planned, route.unseen, self._mission.terms))
 
     def on_trajectory(self, trajectory: Trajectory) -> None:
         """Take over a mission that a peer remembers, and this instance does not know."""
@@ -420,7 +469,8 @@ class Interface(Agent):
         if trajectory.mission == self._mission.number and (trajectory.waypoints or ended):
             return
         number, route = trajectory.mission, Route.of(trajectory)
-        mission = Mission(number, route, trajectory.revision, trajectory.rule, trajectory.planned)
+        known = trajectory.revision, trajectory.rule, trajectory.planned
+        mission = Mission(number, route, *known, trajectory.terms, trajectory.by)
         mission.waits = "" if trajectory.waits else None
         mission.to_go, mission.nearing = self._mission.to_go, Nearing().anew(self.now)
         self._mission, self._refused = mission, ""
@@ -461,6 +511,7 @@ class Interface(Agent):
         if gap_s > UNHEARD_S:
             self._mission.nearing = self._mission.nearing.without(gap_s, self.now)
         self._check_placed(pose)
+        self._check_guard()
         if self._stage is not Stage.DRIVING:
             return
         moved_at = -inf if self._map_change is None else self._map_change[1]
@@ -508,12 +559,16 @@ class Interface(Agent):
             return
         person = driven_by(self)
         hindrance = "stopped" if self.stopped else f"{person} drives by hand" if person else ""
-        cause = hindrance or delay(self.fresh(RobotState), self.fresh(Pose), mission.waits)
-        schedule.update(self.now, mission.to_go, cause, persons=bool(hindrance))
+        state = self.fresh(RobotState)
+        cause = hindrance or delay(state, self.fresh(Pose), mission.waits)
+        cap, wanted = cap_of(state), wanted_of(state)
+        persons = bool(hindrance)
+        schedule.update(self.now, mission.to_go, cause, persons=persons, cap=cap, wanted=wanted)
         self._late = line(schedule.late(self.now))
         if self._late and self._blamed != schedule.main_cause:
             self._blamed = schedule.main_cause
-            self.log(line(f"mission {mission.number} is {self._late}"), WARNING, LogEvent.LATE)
+            of = f" of {mission.by}" if mission.by else ""
+            self.log(line(f"mission {mission.number}{of} is {self._late}"), WARNING, LogEvent.LATE)
 
     def on_robot_state(self, state: RobotState) -> None:
         """Fail a mission if the robot cannot be driven, or has repeated contacts in one place."""
@@ -535,6 +590,7 @@ class Interface(Agent):
         """Publish the trajectory again for late joiners."""
         self.wake_at(self.now + self.p.repeat_s)
         self._check_placed(None)
+        self._check_guard()
         self._withdraw_again()
         known = self.memory.newest(Trajectory)
         if known is not None:
@@ -744,7 +800,8 @@ class Interface(Agent):
         waypoints, revision = self._present(waypoints, revision or pose.revision)
         route = Route(waypoints, Point(pose.x, pose.y), unseen=plan.unseen)
         number, to_go = self.rng.getrandbits(63), route.to_go(pose.x, pose.y)
-        mission = Mission(number, route, revision, request.rule, planned)
+        asked = request.rule, planned, request.terms, request.by
+        mission = Mission(number, route, revision, *asked)
         begun = self._trajectory(mission)
         reply = MissionReply(number, "", waypoints, length or to_go, plan.unseen)
         try:
@@ -815,13 +872,16 @@ class Interface(Agent):
             waits=mission.waits is not None,
             unseen=route.unseen,
             rule=mission.rule,
+            terms=mission.terms,
+            by=mission.by,
         )
 
     @property
     def _top(self) -> float:
-        """The robot's top speed, m/s."""
-        about = self.latest(Description)
-        return inf if about is None else about.v_max
+        """The robot's top speed on the mission, m/s."""
+        about, terms = self.latest(Description), self._mission.terms
+        capped = inf if terms is None or terms.v_max is None else terms.v_max
+        return min(inf if about is None else about.v_max, capped)
 
     def _publish_status(self) -> None:
         mission, state = self._mission, MissionState(self._stage.value)
@@ -836,5 +896,6 @@ class Interface(Agent):
                 self._refused,
                 due_s=self._schedule.due_s(self.now) if state is MissionState.DRIVING else None,
                 late=self._late,
+                owner=mission.by,
             )
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from msgspec import Meta
 from msgspec.structs import replace
@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from armadico.core.messages import Bits64, Label, Message, Name, Share
 from armadico.core.services import query
 from armadico.mobile.errand import Order
-from armadico.mobile.messages import MissionReply
+from armadico.mobile.messages import MissionReply, Terms
 
 
 class MissionOrder(Order, frozen=True):
@@ -25,6 +25,9 @@ class MissionOrder(Order, frozen=True):
     priority: Share | None = None  # null: the mission's own
     by: Label = ""
     mission: Bits64 = 0
+    terms: Terms | None = None  # of all its paths
+
+    appended: ClassVar[int] = 1
 
     def numbered(self, number: int) -> MissionOrder:
         """Return the order with its number, by which a refused one is withdrawn."""

@@ -1,8 +1,10 @@
 """When a mission is due, what delays it, and whether it is reached. Sans-IO.
 
 A mission is due after `START_S` and the time that its path takes at a slow pace. Where the progress
-falls behind that pace, the time is counted for the present cause. Only a person's doing, a stop or
-driving by hand, postpones the due time; whatever else delays a mission makes it late.
+falls behind that pace, the time is counted for the present cause. A person's doing, a stop or
+driving by hand, postpones the due time. So does a published cap below that pace, for at most the
+time that was allowed at first: a robot that is capped for ever is late. Whatever else delays a
+mission makes it late.
 """
 
 from __future__ import annotations
@@ -12,8 +14,9 @@ from dataclasses import dataclass, field
 from math import degrees, hypot, inf
 from typing import Final
 
+from armadico.core.membership import agent_of
 from armadico.core.messages import RobotState
-from armadico.mobile.behaviour import LOST_M, UNSURE_M
+from armadico.mobile.behaviour import LOST_M, UNSURE_M, heeded
 from armadico.mobile.messages import Pose, Waypoint
 
 PACE_M_S: Final = 0.25
@@ -36,6 +39,9 @@ NAMED: Final = 3
 LEAST_SHARE: Final = 0.1
 """A cause with less than this share of the delay is not named."""
 
+HEEDED_M_S: Final = 0.01
+"""An order that is lower by less is still the highest under a cap."""
+
 
 @dataclass
 class Schedule:
@@ -49,6 +55,7 @@ class Schedule:
     _pace: float = PACE_M_S
     _at: float = 0.0
     _to_go: float = 0.0
+    _spare_s: float = 0.0  # by so much caps may still postpone it, s
     _delays: Counter[str] = field(default_factory=Counter)  # s, by cause
     _postponed: Counter[str] = field(default_factory=Counter)  # s, by cause
 
@@ -56,9 +63,19 @@ class Schedule:
     def begin(cls, now: float, to_go: float, top: float) -> Schedule:
         """The schedule of a mission with `to_go` m left, for a robot with a top speed in m/s."""
         pace = min(PACE_M_S, PACE_SHARE * top)
-        return cls(now + START_S + to_go / pace, pace, now, to_go)
+        allowed = START_S + to_go / pace
+        return cls(now + allowed, pace, now, to_go, allowed)
 
-    def update(self, now: float, to_go: float, cause: str, *, persons: bool = False) -> None:
+    def update(
+        self,
+        now: float,
+        to_go: float,
+        cause: str,
+        *,
+        persons: bool = False,
+        cap: float = inf,
+        wanted: float = inf,
+    ) -> None:
         """Count the time since the last update.
 
         Args:
@@ -66,6 +83,9 @@ class Schedule:
             to_go: m left. A path that has become longer is due as much later.
             cause: What delays the mission now, if it makes no progress.
             persons: Whether the cause is a person's doing, which postpones the due time.
+            cap: The speed that a published cap leaves, m/s; inf: there is none.
+            wanted: The speed that would be driven without the cap, m/s. What that lacks of the pace
+                is the agent's own delay.
         """
         passed, nearer = max(now - self._at, 0.0), self._to_go - to_go
         self._at, self._to_go = now, to_go
@@ -75,7 +95,12 @@ class Schedule:
         elif nearer < 0.0:
             self.due_at -= nearer / self._pace
         elif (lost := passed - nearer / self._pace) > 0.0:
-            self._delays[cause] += lost  # type: ignore[assignment]
+            taken = max(min(wanted, self._pace) - cap, 0.0)  # m/s, by the cap
+            spared = min(lost, self._spare_s, taken / self._pace * passed)
+            self.due_at, self._spare_s = self.due_at + spared, self._spare_s - spared
+            for counts, s in ((self._postponed, spared), (self._delays, lost - spared)):
+                if s > 0.0:
+                    counts[cause] += s  # type: ignore[assignment]
 
     def due_s(self, now: float) -> float | None:
         """Seconds until the mission is due; negative: it is late; None: there is none."""
@@ -105,6 +130,23 @@ class Schedule:
         return max(self._delays, key=self._delays.__getitem__, default="")
 
 
+def cap_of(state: RobotState | None) -> float:
+    """Return the speed that a published cap leaves of what was ordered, m/s; inf: there is none."""
+    if state is None or not state.capped or abs(state.admitted.v) >= abs(state.ordered.v):
+        return inf
+    return abs(state.admitted.v)
+
+
+def wanted_of(state: RobotState | None) -> float:
+    """Return the speed that the driver wants, m/s; inf: as fast as it may, or unknown.
+
+    A behaviour under a cap orders `heeded` at most, so such an order is no slowness of its own.
+    """
+    if state is None or abs(state.ordered.v) >= heeded(state.admitted.v) - HEEDED_M_S:
+        return inf
+    return abs(state.ordered.v)
+
+
 def delay(state: RobotState | None, pose: Pose | None, waits: str | None) -> str:
     """Return what delays the robot now, by what the interface agent itself has received.
 
@@ -123,8 +165,8 @@ def delay(state: RobotState | None, pose: Pose | None, waits: str | None) -> str
         return waits or "waits: no path is free"
     if not state.driver:
         return "no agent drives"
-    name, ordered, admitted = state.driver.rpartition("-")[0], state.ordered, state.admitted
-    if state.capped and abs(admitted.v) < abs(ordered.v):
+    name, ordered = agent_of(state.driver), state.ordered
+    if cap_of(state) < inf:
         return f"the robot agent slows {name} down: {state.capped}"
     if state.stalled:
         return f"{name} drives, and the robot is held by a contact, or its wheels are blocked"

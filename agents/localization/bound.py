@@ -59,6 +59,10 @@ class Bound:
         """Add the standard deviations of an unknown motion."""
         self._pose += np.diag(np.square((deviation_m, deviation_m, deviation_rad)))
 
+    def add(self, covariance: Floats) -> None:
+        """Add the covariance of a motion's random errors, (3, 3), in the robot's frame."""
+        self._pose += covariance
+
     def move(self, motion: Pose2) -> None:
         """Add the errors of a motion by the odometry, in the robot's frame: m, m, rad."""
         dx, dy, turn = motion

@@ -407,12 +407,13 @@ class Search:
             logs += self._log_likelihood(guesses, at, whole=whole)
             yield len(guesses) * (at.pings if whole else len(at.reading.echoes))
         left, best = np.argsort(-logs), list[int]()
+        x, y, theta = (guesses[left, column] for column in range(3))
         while len(left) and len(best) < most:
             best.append(int(left[0]))
-            x, y, theta = guesses[left[0], :3]
-            away = np.hypot(guesses[left, 0] - x, guesses[left, 1] - y) > APART_M
-            away |= np.abs(angles_from(guesses[left, 2], float(theta))) > APART_RAD
-            left = left[away]
+            away = np.hypot(x - x[0], y - y[0]) > APART_M
+            near = np.flatnonzero(~away)  # only their headings matter, and angles are slow
+            away[near] = np.abs(angles_from(theta[near], float(theta[0]))) > APART_RAD
+            left, x, y, theta = left[away], x[away], y[away], theta[away]
         return guesses[best], logs[best]
 
     def _wheels_logs(self, guesses: Poses) -> NDArray[np.float64]:

@@ -16,24 +16,38 @@ from msgspec import Meta, Struct
 from msgspec.structs import replace
 
 from armadico.agents.localization import monte_carlo
+from armadico.agents.localization.against_map import Walls
 from armadico.agents.localization.array_cache import Arrays, cached_arrays
 from armadico.agents.localization.bound import confined, widened
+from armadico.agents.localization.compass import DEVIATION, UNLIKELY, Compass
 from armadico.agents.localization.global_search import Alternative, Model, Place, Search, apart
 from armadico.agents.localization.laser_model import LaserModel, beams_of
 from armadico.agents.localization.monte_carlo import Estimate, MonteCarlo, Settings
 from armadico.agents.localization.sonar_model import FORMAT, Fields, SonarModel, fields
+from armadico.agents.localization.window import Window
 from armadico.agents.methods.geometry import Placed
 from armadico.agents.methods.grid import CELL_M, Grid, check_extent, grid_of
 from armadico.agents.methods.odometry import WIDEST, may_apply, out_of_range, was_reset
+from armadico.agents.methods.poses import Floats
 from armadico.config.places import Places
+from armadico.config.profile import Odometry as Wheels
 from armadico.config.profile import RobotProfile, load_profile
 from armadico.config.worlds import load_world
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent
 from armadico.core.messages import Card, Cycle, Message, RobotState, line
 from armadico.mobile import particles
-from armadico.mobile.geometry import STOOD, Pose2, compose, relative
-from armadico.mobile.messages import Correction, Echo, InitialPose, Particles, Pose, Scan, Sonar
+from armadico.mobile.geometry import STOOD, Pose2, compose, relative, wrap
+from armadico.mobile.messages import (
+    Correction,
+    Echo,
+    InitialPose,
+    Particles,
+    Pose,
+    Scan,
+    Sonar,
+    Trajectory,
+)
 
 Metres = Annotated[float, Meta(gt=0, le=100)]
 Angle = Annotated[float, Meta(gt=0, le=6.2832)]
@@ -85,6 +99,41 @@ WORN = 2.5
 """Wheel errors beyond this many of the profile's standard deviations are reported."""
 
 
+BY_SCANS = Wheels(alpha1=0.001, alpha2=0.0001, alpha3=0.001)
+"""Lasting errors of the motion that scans tell, in place of the wheels' (the random ones come with
+each key scan)."""
+
+OFF_MAP, ON_MAP = 0.2, 0.3
+"""Mean hit of a laser's rays, 0 to 1, below which a robot is off the map, and above which it is on
+it again. On a complete map it is 0.6, off it 0 to 0.15 (logs of five buildings)."""
+
+AGREED = 0.5
+"""Share of the particles in one place that brings a robot back on the map."""
+
+WRONG_MATCHES = 0.1
+"""Share of the particles that move by the wheels instead of a match."""
+
+AGAINST_GAIN, AGAINST = 0.2, 0.5
+"""Weight of the newest scan in the running share of scans by which the map contradicts the pose,
+and the share from which it counts: four scans in a row, at least."""
+
+CEASED = 0.6
+"""Readings that fit by less than this share of the fit before have ceased to fit. A robot that is
+lifted in the simulator falls from 0.98 to 0.3."""
+
+DRIFT = 0.006
+"""Least standard deviation that is published off the map, over the way there: walls that are nearly
+parallel let the particles agree better than they know. Chosen on freiburg-079, where the pose is
+0.5 m off after 88 m. So a robot counts as lost after 83 m at the latest."""
+
+RETURNED = 3.0
+"""After a way off the map a place is proved over so many times `proved_m`: the particles may agree
+at first on a place that is half a metre away (freiburg-079)."""
+
+LOOKS_OFF = 12
+"""New readings from search to search off the map."""
+
+
 class Confirmation(Struct, frozen=True):
     """Thresholds for giving up a pose and for accepting one on the whole map, for one sensor."""
 
@@ -130,12 +179,15 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """The map, the robot, and the initial belief.
 
     `start` "pose" starts around the pose that the encoder agent publishes, "anywhere" with uniform
-    particles. Without `confirm` or `filter` the sensor's own defaults apply.
+    particles. With `motion` "scans" a robot with a laser moves as its scans tell, and may leave its
+    map; with "wheels", and by sonars always, as its odometry tells. Without `confirm` or `filter`
+    the sensor's own defaults apply.
     """
 
     world: Annotated[str, Meta(min_length=1)] = "empty"
     profile: str = "pioneer-2dx"
     start: Literal["pose", "anywhere"] = "pose"
+    motion: Literal["wheels", "scans"] = "scans"
     start_m: Metres = 0.15  # standard deviation of the position at the start
     start_rad: Angle = radians(6.0)
     lost: Share = 0.15  # lost if the largest cluster has a smaller share of the weight
@@ -165,6 +217,8 @@ class Localized:
     Attributes:
         unconfirmed: Searches that still have to confirm it.
         unproved: Distance that it still has to drive with readings that fit, m.
+        off_map: Whether the map does not show this place: scans alone tell the motion.
+        off_m: The least deviation off the map, m; it holds until the robot is back, and proved.
         suspect: Whether another place explains the new readings better.
         verdicts: Consecutive searches that agreed on another place.
         agreed: That place.
@@ -174,6 +228,8 @@ class Localized:
 
     unconfirmed: int = 0
     unproved: float = 0.0
+    off_map: bool = False
+    off_m: float = 0.0
     suspect: bool = False
     verdicts: int = 0
     agreed: Pose2 = STOOD
@@ -196,6 +252,7 @@ class Lost:
 
     spread: bool = False
     converged: bool = False
+    off_map: ClassVar[bool] = False
     sure: int = 0
     agreed: Pose2 = STOOD
     suspect: bool = False
@@ -254,7 +311,7 @@ class Localization(Agent):
 
     name = "localization"
     alone = True
-    receives: ClassVar[tuple[type[Message], ...]] = (Sonar, Scan, Pose, InitialPose)
+    receives: ClassVar[tuple[type[Message], ...]] = (Sonar, Scan, Pose, InitialPose, Trajectory)
     provides: ClassVar[tuple[type[Message], ...]] = (Correction, Particles)
     parameters = Parameters
     launched_with = ("world", "profile", "start_m", "start_rad")
@@ -271,16 +328,28 @@ class Localization(Agent):
         self._free, inhabited = free, free[self._places.inhabited(free)]
         self._useful = bool(world.outlines) and len(free) > 0
         self._has_laser = profile.laser is not None
+        self._by_scans = self._has_laser and self.p.motion == "scans"
+        settings = self.p.filter or (monte_carlo.LASER if self._has_laser else Settings())
+        if self._by_scans:
+            settings = replace(settings, leaves=True)
         self._grid, clear_m = grid, profile.body.width_m / 2 - 2 * CELL_M
         self._confirm = self.p.confirm or (LASER if self._has_laser else SONARS)
         self._filter = MonteCarlo(
             model_of(grid, profile),
             inhabited if len(inhabited) else free,
             np.random.default_rng(self.rng.getrandbits(63)),
-            self.p.filter or (monte_carlo.LASER if self._has_laser else Settings()),
-            profile.wheels,
+            settings,
+            BY_SCANS if self._by_scans else profile.wheels,
             lambda x, y: grid.clearances(x, y) > clear_m,
         )
+        self._wheels = profile.wheels
+        self._window = Window(profile.wheels) if self._by_scans else None
+        self._walls = Walls(grid, world.unseen) if self._by_scans else None
+        self._compass = Compass()
+        self._against = 0.0  # of the newest readings, those by which the map contradicts the pose
+        self._fitted = 0.0  # the fit on the map at the last key scan that was not torn
+        self._given = self.p.start == "pose"  # the place was given, not found by a search
+        self._on_map_m = 0.0  # driven with readings that fit the map at this place
         self._ping_s = 0.0 if self._has_laser else profile.ring.period_s
         self._scan: int | None = None  # number of the last one
         self._odometry: Odometry | None = None
@@ -324,6 +393,7 @@ class Localization(Agent):
         pose = initial.x, initial.y, initial.theta
         self._started = True
         self._set_localized(pose, 0)
+        self._given, self._on_map_m = True, 0.0
         self._filter.start_at(pose, self.p.start_m, self.p.start_rad)
 
     def on_robot_state(self, state: RobotState) -> None:
@@ -341,17 +411,114 @@ class Localization(Agent):
             return
         if odometry.epoch != before.epoch and was_reset(before.pose, odometry.pose):
             self._filter.scatter_by(UNCOUNTED_M, UNCOUNTED_RAD)
+            self._begin_window()
             self._searches = Searches(at=self._searches.at)
             self._belief = replaced(self._belief, unmoved=None)
             return
         motion = relative(before.pose, odometry.pose)
         self._odometry = replaced(odometry, motion=motion)
+        if self._window is not None:
+            self._window.check()
+            motion = relative(self._window.pose(before.pose), self._window.pose(odometry.pose))
+            self._filter.spread(self._window.reckon(odometry.pose))
+        self._move(motion)
+        self._advance_search()  # every cycle, even if readings are rare
+
+    def _move(self, motion: Pose2) -> None:
+        """Move what is believed by a motion in the robot's frame: m, m, rad."""
         self._filter.move(motion)
         if self._searches.running is not None:
             self._searches.running.move(motion)
         self._estimate = None if self._estimate is None else compose(self._estimate, motion)
         self._belief = self._moved(self._belief, motion)
-        self._advance_search()  # every cycle, even if readings are rare
+
+    @property
+    def _follows(self) -> bool:
+        """Whether scans tell the motion since the robot was at a place that is believed.
+
+        Not if the map speaks against it, or if no path is free from there.
+        """
+        if self._window is None or self._contradicted or self._questioned or self._waits:
+            return False
+        return self._window.follows and (self._given or self._anchored)
+
+    @property
+    def _contradicted(self) -> bool:
+        """Whether the map contradicts the pose: it shows this place, and shows it otherwise."""
+        return self._against > AGAINST
+
+    @property
+    def _questioned(self) -> bool:
+        """Whether readings have ceased to fit the map, until the next key scan tells more."""
+        fits, before, now = self.p.fits, self._fitted, self._filter.fit
+        return before >= fits and now < min(fits, CEASED * before)
+
+    @property
+    def _anchored(self) -> bool:
+        """Whether the robot has driven far enough on the map to be sure of its place there."""
+        return self._on_map_m >= self.p.proved_m
+
+    def _begin_window(self) -> None:
+        if self._by_scans:
+            self._window, self._on_map_m = Window(self._wheels), 0.0
+
+    def _see(self, scan: Scan) -> None:
+        """Correct the motion by a scan; notice that it contradicts those before."""
+        window, odometry = self._window, self._odometry
+        if window is None or odometry is None or not self._started:
+            return
+        before = window.pose(odometry.pose)
+        errors = window.see(odometry.pose, scan)
+        if errors is None:
+            return
+        after = window.pose(odometry.pose)
+        self._move(relative(before, after))
+        self._filter.spread(errors.matched)
+        if not self._belief.off_map:  # there the map would tell that the match was wrong
+            self._filter.spread(errors.wheels, WRONG_MATCHES, relative(after, before))
+        if not window.torn:
+            if self._questioned and not self._belief.off_map:
+                # Another place may look like the one before, and fit the map half a metre away.
+                self._belief = self._unproved(self._belief)
+            self._fitted = self._filter.fit
+        self._steer(errors.normals)
+
+    def _unproved(self, belief: Localized | Lost) -> Localized | Lost:
+        """The belief with a place that has to be proved again."""
+        if isinstance(belief, Lost):
+            return belief
+        held = belief.off_map or belief.unproved > 0.0
+        proof = max(belief.unproved, self.p.proved_m)
+        return replaced(belief, unproved=proof, off_m=belief.off_m if held else 0.0)
+
+    def _steer(self, normals: Floats) -> None:
+        """Learn the directions of walls on the map; correct the heading by them off it."""
+        belief, pose, compass = self._belief, self._estimate, self._compass
+        if isinstance(belief, Lost) or pose is None or belief.unconfirmed:
+            return
+        off = compass.off(normals, pose[2]) if belief.off_map else None
+        covariance = self._filter.scatter()
+        variance = float(covariance[2, 2]) + DEVIATION**2
+        if off is not None and off**2 < UNLIKELY**2 * variance:
+            x, y, theta = (np.array(pose) - covariance[:, 2] * (off / variance)).tolist()
+            self._filter.weigh_heading(pose[2] - off, DEVIATION)
+            self._estimate = pose = x, y, wrap(theta)
+        if not belief.off_map and belief.unproved <= 0.0 and self._filter.fit >= self.p.fits:
+            compass.learn(normals, pose[2])
+
+    def _check_against(self, echoes: Sequence[Echo]) -> None:
+        """Notice that scans contradict those before, or that the map contradicts the pose."""
+        window, fits, belief = self._window, self._filter.fit >= self.p.fits, self._belief
+        if window is None or self._walls is None or isinstance(belief, Lost):
+            return
+        against = False
+        if not fits and self._estimate is not None:
+            against = self._walls.rays(self._estimate, echoes).contradict
+        self._against += AGAINST_GAIN * (against - self._against)
+        torn = window.torn and self._questioned and (against or not self._walls.tell_free)
+        if torn or (window.carried and (belief.off_map or not fits)):
+            self._filter.history.discard_old(window.parameters.lost_scans if window.carried else 1)
+            self._set_lost("scans contradict those before: it was carried", unmoved=self._estimate)
 
     def _moved(self, belief: Localized | Lost, motion: Pose2) -> Localized | Lost:
         """The belief after a motion: its poses move with the robot."""
@@ -361,14 +528,22 @@ class Localization(Agent):
             if self._grid.clearance_between(Placed(*before[:2]), Placed(*unmoved[:2])) == 0.0:
                 unmoved = None  # it would have driven through a wall, so it was moved
         belief = replaced(belief, agreed=compose(belief.agreed, motion), unmoved=unmoved)
+        if isinstance(belief, Localized) and belief.off_map:
+            belief = replaced(belief, off_m=belief.off_m + DRIFT * hypot(*motion[:2]))
         if isinstance(belief, Localized) and belief.unproved > 0.0:
             fits = self._filter.supported and self._filter.fit >= self._confirm.found_fit
             proves = fits and self._filter.bound.most_m < TOLD * self.p.unproved_m
             belief = replaced(belief, unproved=belief.unproved - proves * hypot(*motion[:2]))
+        on_map = self._filter.supported and self._filter.fit >= self._confirm.misfit
+        if isinstance(belief, Localized) and belief.unproved <= 0.0 and on_map:
+            self._on_map_m += hypot(*motion[:2])
+        if self._follows:
+            return belief
         if isinstance(belief, Localized) and (belief.suspect or self._filter.refuted):
-            if belief.unproved <= 0.0:  # it was lifted, or its wheels slipped, by an unknown motion
+            # It was lifted, or its wheels slipped, by an unknown motion; scans would have told.
+            if belief.unproved <= 0.0 and self._window is None:
                 self._filter.bound.widen(self.p.unproved_m / SQUARE, FOUND_RAD)
-            belief = replaced(belief, unproved=self.p.proved_m)
+            belief = self._unproved(belief)
         return belief
 
     def on_sonar(self, sonar: Sonar) -> None:
@@ -386,16 +561,32 @@ class Localization(Agent):
             beams = [] if again else beams_of(scan)
         except ValueError:
             return
+        if not again:
+            self._see(scan)
         self._update(scan.cycle, lambda: beams)
 
     def fill_card(self, card: Card) -> Card:
         """Add the estimated wheel errors."""
-        learnt = self._wheels() if self._started else ""
+        learnt = self._worn() if self._started else ""
         return replace(card, learnt=line(learnt), doubts=line(self._doubts))
 
-    def _wheels(self) -> str:
-        turning, drift, way = self._filter.wheel_errors
-        o = self._filter.odometry
+    @property
+    def _wheel_errors(self) -> tuple[float, float, float]:
+        """The lasting errors of the wheels: turn (rad/rad), drift (rad/m), distance (m/m)."""
+        if self._window is not None:
+            return self._window.front.model.systematic
+        return self._filter.wheel_errors
+
+    @property
+    def _wheels_known(self) -> tuple[float, ...]:
+        """As `Correction.wheels`."""
+        if self._window is not None:
+            return *self._wheel_errors, *self._window.front.model.deviations
+        return *self._wheel_errors, *self._filter.wheel_deviations
+
+    def _worn(self) -> str:
+        turning, drift, way = self._wheel_errors
+        o = self._wheels
         return (
             f"errors of the wheels (and the profile's standard deviations): turns"
             f" {100 * turning:+.1f} % ({100 * o.alpha1:.1f}), ways {100 * way:+.1f} %"
@@ -404,12 +595,12 @@ class Localization(Agent):
 
     def _check_wheels(self) -> None:
         """Report wheel errors that are far larger than the profile's."""
-        o = self._filter.odometry
-        limits = zip(self._filter.wheel_errors, (o.alpha1, o.alpha2, o.alpha3), strict=True)
+        o = self._wheels
+        limits = zip(self._wheel_errors, (o.alpha1, o.alpha2, o.alpha3), strict=True)
         worn = any(abs(off) > WORN * alpha for off, alpha in limits)
         if isinstance(self._belief, Lost) or self._doubts or not worn:
             return
-        self._doubts = f"the odometry is worse than [odometry] of the profile: {self._wheels()}"
+        self._doubts = f"the odometry is worse than [odometry] of the profile: {self._worn()}"
         self.log(self._doubts, WARNING)
 
     def _update(self, cycle: Cycle, readings: Callable[[], Sequence[Echo]]) -> None:
@@ -421,10 +612,15 @@ class Localization(Agent):
             echoes = readings()
             self._filter.weigh(echoes)
             self._update_fit()
+            self._check_against(echoes)
+            self._update_off_map()
         # A localized robot keeps its cluster: another one that fits equally well, such as the room
         # next door, is no reason to jump.
         found = self._filter.estimate(None if isinstance(self._belief, Lost) else self._estimate)
-        if not self._filter.refuted:
+        if self._belief.off_map and self._estimate is not None:
+            wide = self._filter.scatter()
+            found = replace(found, pose=self._estimate, covariance=wide, share=1.0)
+        elif not self._filter.refuted:
             self._filter.tell(found.pose, echoes)
         self._update_belief(found)
         belief = self._belief
@@ -433,7 +629,8 @@ class Localization(Agent):
         if isinstance(belief, Lost):  # at least 1 m: no place fits
             c = np.clip(self._filter.scatter(), np.eye(3), WIDEST)
         else:
-            c = confined(widened(c, self._filter.bound.at(found.pose[2])), self.p.doubt_m)
+            c = widened(c, self._filter.bound.at(found.pose[2]))
+            c = c if belief.off_map else confined(c, self.p.doubt_m)
             more = max(0.0, self._least_m(belief) ** 2 - float(c[0, 0] + c[1, 1]))
             c = c + np.diag([0.5 * more, 0.5 * more, 0.0])
         self.publish(
@@ -443,26 +640,66 @@ class Localization(Agent):
                 covariance=tuple(float(c[i, j]) for i in range(3) for j in range(i, 3)),
                 confidence=0.0 if isinstance(belief, Lost) else min(1.0, found.share),
                 elsewhere=belief.suspect,
+                off_map=belief.off_map,
+                wheels=self._wheels_known,
             )
         )
         if self._published is None or self.now - self._published.at >= PARTICLES_S:
             self._publish_particles(cycle)
             self._check_wheels()
 
+    def _update_off_map(self) -> None:
+        """Decide whether the map shows this place."""
+        belief, hits = self._belief, self._filter.hits
+        if isinstance(belief, Lost) or belief.unconfirmed:
+            return
+        off = hits < OFF_MAP and self._follows
+        if belief.off_map:  # it is on the map once half of the particles have agreed on a place
+            off = hits < ON_MAP or self._filter.estimate().share < AGREED
+        if off and not belief.off_map:
+            off_m = belief.off_m if belief.unproved > 0.0 else 0.0
+            self._belief = replaced(belief, off_map=True, off_m=off_m, suspect=False, verdicts=0)
+            self.log("the robot is off the map: scans alone tell its motion")
+        elif belief.off_map and not off:
+            off_m = max(belief.off_m, self._filter.bound.most_m)
+            self._estimate, proof = None, RETURNED * self.p.proved_m
+            self._belief = replaced(belief, off_map=False, off_m=off_m, unproved=proof)
+            self.log("the robot is on the map again")
+
     def _least_m(self, belief: Localized) -> float:
         """Least standard deviation to publish for a localized robot, m."""
         refuted = self._filter.refuted
+        if self._questioned:
+            return self.p.adrift_m
+        if self._follows:
+            unproved = belief.off_map or belief.unconfirmed or belief.unproved > 0.0
+            return max(self.p.unproved_m, belief.off_m) if unproved else 0.0
         if belief.suspect or refuted:
             # At rest no new reading can settle it: relocate makes the robot turn.
             rests = self.now - self._searches.at > UNSETTLED_S
             agree = belief.suspect and (refuted or self._fit.bad or belief.verdicts > 1)
             adrift = rests or agree or self._filter.disproved
             return self.p.adrift_m if adrift else self.p.doubt_m
-        if belief.unconfirmed and self._filter.fit < self._confirm.found_fit:
+        misfits = self._filter.fit < self._confirm.found_fit
+        if (misfits and belief.unconfirmed) or (self._waits and (misfits or self._proves(belief))):
             return self.p.adrift_m
         if belief.unconfirmed or belief.unproved > 0.0:
-            return self.p.unproved_m
+            return max(self.p.unproved_m, belief.off_m)
         return self.p.misfit_m if self._fit.bad else 0.0
+
+    @property
+    def _waits(self) -> bool:
+        """Whether the robot stands as no path is free, from where its readings fit badly.
+
+        No new reading can show that it was lifted, and no path is free from where it is not.
+        Relocate drives a lost robot, so there are new ones. By scans the particles follow to where
+        they fit, so there a place that is not proved counts as well.
+        """
+        trajectory, belief = self.latest(Trajectory), self._belief
+        if trajectory is None or not trajectory.waits:
+            return False
+        proves = isinstance(belief, Localized) and self._proves(belief)
+        return proves or self._filter.fit < self.p.fits
 
     def _publish_particles(self, cycle: Cycle) -> None:
         """Publish a sample of the particles: the same sample while the robot stands."""
@@ -492,6 +729,8 @@ class Localization(Agent):
             return
         short, long = found.axes_m
         uncertain = share < p.lost or SQUARE * short > p.lost_m or long > p.along_m
+        if belief.off_map:
+            uncertain, leaps = self._window is not None and self._window.blind, False
         since = (belief.since or self.now) if uncertain else None
         self._belief = replaced(belief, since=since)
         waited = since is not None and self.now - since >= p.lost_s
@@ -525,15 +764,26 @@ class Localization(Agent):
                 return None
             history.mark()
             return particles.search()
-        if not belief.suspect and particles.fit >= self.p.fits:
+        proves = self._proves(belief)
+        if not belief.suspect and particles.fit >= self.p.fits and not proves:
             self._mark_explained()
             return None
+        if self._follows and not proves:
+            if not belief.off_map or (self._given and self._anchored):
+                self._belief = replaced(belief, suspect=False, verdicts=0)
+                self._mark_explained()
+            if history.new_readings < LOOKS_OFF:
+                return None
         searches = self._searches
         new, waited = history.new_readings - searches.readings, self.now - searches.at
         if new < self.p.doubted_after and not (new > 0 and waited >= SEARCH_S):
             return None
         searches.readings, searches.at = history.new_readings, self.now
         return particles.search(min(history.new_readings, particles.settings.search.doubted))
+
+    def _proves(self, belief: Localized) -> bool:
+        """Whether scans have led to a place on the map that is still to be proved."""
+        return self._window is not None and belief.unproved > 0.0 and not belief.off_map
 
     def _mark_explained(self) -> None:
         """Count the readings until now as explained by the present pose."""
@@ -544,11 +794,11 @@ class Localization(Agent):
         """Decide whether the robot was moved: update suspicion and verdicts."""
         p, confirm = self.p, self._confirm
         other = search.alternative(here, self._filter.settings.trust)
-        if other is None:
+        if other is None or (self._follows and other.odds < confirm.clear_odds):
             self._belief = replaced(belief, suspect=False, verdicts=0)
             self._mark_explained()
             return
-        suspect = self._explains_better(other)
+        suspect = self._explains_better(other, belief)
         verdicts = 0 if other.throughout < p.doubts else belief.verdicts
         self._belief = belief = replaced(belief, suspect=suspect, verdicts=verdicts)
         if not suspect:
@@ -557,7 +807,10 @@ class Localization(Agent):
             return
         if other.odds < confirm.odds or other.fit < confirm.fit:
             return
-        clear = other.odds >= confirm.clear_odds and other.fit >= confirm.clear_fit
+        clear = self._is_clear(other)
+        if self._follows and not clear:
+            return
+        clear &= not self._follows  # then each of these searches counts as one
         again = verdicts if clear or not apart(other.pose, belief.agreed) else 0
         verdicts = again + (confirm.clear if clear else 1)
         self._belief = replaced(belief, verdicts=verdicts, agreed=other.pose)
@@ -569,19 +822,29 @@ class Localization(Agent):
                 unmoved=None if self._filter.disproved else here,
             )
 
-    def _explains_better(self, other: Alternative) -> bool:
+    def _explains_better(self, other: Alternative, belief: Localized) -> bool:
         """Whether another place explains the readings, and the present one does not.
 
         A place that fits well is kept: unmapped objects, and walls that reflect nothing, let other
-        places fit a little better all along the way, which adds up to any odds.
+        places fit a little better all along the way, which adds up to any odds. Against a place
+        that fits as if everything were mapped, only the pose itself is kept, and none beside it,
+        and not even that while it is still to be proved.
         """
+        stay, clear = other.stay_fit, self._is_clear(other)
+        if clear:
+            stay = min(stay, self._filter.fit)
         return (
             other.odds >= self.p.doubts
-            and other.stay_fit < self.p.fits
-            and other.fit >= self._confirm.better * other.stay_fit
+            and (stay < self.p.fits or (clear and self._proves(belief)))
+            and other.fit >= self._confirm.better * stay
         )
 
+    def _is_clear(self, other: Alternative) -> bool:
+        """Whether another place fits as if everything were mapped."""
+        return other.odds >= self._confirm.clear_odds and other.fit >= self._confirm.clear_fit
+
     def _set_lost(self, why: str, *, spread: bool = False, unmoved: Pose2 | None = None) -> None:
+        self._given, self._on_map_m, self._against = False, 0.0, 0.0
         self._belief = Lost(spread, suspect=self._belief.suspect, unmoved=unmoved)
         self._searches.running = None
         self.log(f"the robot is lost: {why}", WARNING)

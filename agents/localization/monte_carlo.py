@@ -30,7 +30,7 @@ from armadico.agents.localization.global_search import (
 )
 from armadico.agents.localization.sonar_model import Poses
 from armadico.config.profile import NARROW, Odometry
-from armadico.mobile.geometry import Pose2, relative, wrap
+from armadico.mobile.geometry import STOOD, Pose2, relative, wrap
 from armadico.mobile.messages import Echo
 
 Z_99: Final = 2.326
@@ -60,6 +60,10 @@ UNMAPPED: Final = (0.1, 0.95)
 MAPPED_HITS: Final = 0.6
 """Mean hit of a laser's rays, 0 to 1, on a complete map: from real logs on maps made from the same
 logs (Intel laboratory, Freiburg building 079)."""
+
+UNSEEN, PARTLY = 0.12, 0.3
+"""Mean hit of a laser's rays up to which they count nothing, and from which they count fully. Off
+the map a few rays end at its walls by chance, which must not draw the particles there."""
 
 UNMAPPED_GAIN: Final = 0.1
 """Weight of the newest scan in the running estimate of that share. During a fast turn few particles
@@ -94,6 +98,7 @@ class Settings(Struct, frozen=True):
     around_m: float = 1.5  # particles within this of the estimate count in its covariance
     around_rad: float = 1.0
     adaptive: bool = False  # estimate the share of readings from unmapped objects
+    leaves: bool = False  # the robot may leave its map, and scans tell its motion there
     search: global_search.Settings = global_search.Settings()
 
 
@@ -249,6 +254,35 @@ class MonteCarlo:
         self.poses[:, 1] += s * along + c * aside
         self.poses[:, 2] += turned
 
+    def spread(
+        self,
+        covariance: NDArray[np.float64] | None,
+        share: float = 1.0,
+        moved: Pose2 = STOOD,
+    ) -> None:
+        """Add the random errors of a motion to a share of the particles.
+
+        Args:
+            covariance: (3, 3) in the robot's frame; None: no errors.
+            share: If it is not 1, the bound stays as it is.
+            moved: A motion of this share, in the robot's frame, m, m, rad.
+        """
+        if covariance is None or not len(self.poses):
+            return
+        self.changes += 1
+        values, vectors = np.linalg.eigh(covariance)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        normal = self._rng.standard_normal(self.poses.shape, dtype=np.float32)
+        off = normal @ root.T.astype(np.float32) + np.array(moved, dtype=np.float32)
+        if share < 1.0:
+            off[self._rng.random(len(off)) >= share] = 0.0
+        c, s = np.cos(self.poses[:, 2]), np.sin(self.poses[:, 2])
+        self.poses[:, 0] += c * off[:, 0] - s * off[:, 1]
+        self.poses[:, 1] += s * off[:, 0] + c * off[:, 1]
+        self.poses[:, 2] += off[:, 2]
+        if share == 1.0:
+            self.bound.add(covariance)
+
     @property
     def due(self) -> bool:
         """Whether the robot has moved enough to weigh readings."""
@@ -287,11 +321,22 @@ class MonteCarlo:
         if self.settings.adaptive and not self.lost:
             likelihood = self._without_unmapped(likelihood)
         trust = self.settings.doubtful if self.lost else self.settings.trust
+        if self.settings.leaves and not self.lost:
+            trust *= min(1.0, max(0.0, (self._hits - UNSEEN) / (PARTLY - UNSEEN)))
         logs = trust * np.einsum("ij->i", np.log(likelihood), dtype=np.float64)  # faster than sum
         if self._fits_in is not None:
             x, y = self.poses[:, :2].T.astype(np.float64)
             logs[~self._fits_in(x, y)] += IN_WALL
         self.weights = self._weighed(logs)
+        if 1.0 / float(self.weights @ self.weights) < 0.5 * len(self.poses):
+            self._resample()
+
+    def weigh_heading(self, heading: float, deviation: float) -> None:
+        """Weigh the particles by a heading that was measured, with its deviation, rad."""
+        self.changes += 1
+        off = angles_from(self.poses[:, 2], heading).astype(np.float64)
+        self.weights = self._weighed(-0.5 * (off / deviation) ** 2)
+        self.bound.see(np.diag([0.0, 0.0, deviation**-2]))
         if 1.0 / float(self.weights @ self.weights) < 0.5 * len(self.poses):
             self._resample()
 
@@ -322,6 +367,11 @@ class MonteCarlo:
         return softer
 
     @property
+    def hits(self) -> float:
+        """Mean hit of a laser's rays on the map, 0 to 1, at the particles that fit best."""
+        return self._hits
+
+    @property
     def unmapped(self) -> float:
         """Estimated share of a laser's rays that end at unmapped objects."""
         least, most = UNMAPPED
@@ -341,6 +391,13 @@ class MonteCarlo:
     def wheel_errors(self) -> tuple[float, float, float]:
         """The systematic wheel errors: turn (rad/rad), drift (rad/m), distance (m/m)."""
         drift, turning, way = (self.weights @ self.wheels).tolist()
+        return turning, drift, way
+
+    @property
+    def wheel_deviations(self) -> tuple[float, float, float]:
+        """The standard deviations of these three among the particles."""
+        off = self.wheels - self.weights @ self.wheels
+        drift, turning, way = np.sqrt(self.weights @ (off * off)).tolist()
         return turning, drift, way
 
     def search(self, most: int | None = None) -> Search:

@@ -311,10 +311,13 @@ class Relocate(Behaviour):
         """Change the phase by the events of this cycle, and act by it."""
         p, outline, points = self.p, self.body.outline, obstacles.points
         mirrored = [Point(-point.x, -point.y) for point in points]
+        ahead = free_path(points, 1.0, 0.0, outline, p.safety.margin_m)
+        behind = free_path(mirrored, 1.0, 0.0, outline.turned_round, p.safety.margin_m)
+        # Where the robot agent lets nothing through there is no room, whatever the obstacles show.
         room = Room(
             obstacles,
-            free_path(points, 1.0, 0.0, outline, p.safety.margin_m),
-            free_path(mirrored, 1.0, 0.0, outline.turned_round, p.safety.margin_m),
+            0.0 if self.refuses(self._speed, 0.0) else ahead,
+            0.0 if self.refuses(-self._slow, 0.0) else behind,
         )
         self._check_leg(room)
         if self._recovery.phase not in (Phase.FACE, Phase.LEG):
@@ -334,7 +337,7 @@ class Relocate(Behaviour):
                 return 0.0, side * p.w, "lost: to where places differ"
             case Phase.LEG:
                 off = self._to_leg_end()[1]
-                return self._speed, max(-p.w, min(p.w, off)), "lost: to where places differ"
+                return self._speed, self._leg_turn(off), "lost: to where places differ"
 
     def _check_leg(self, room: Room) -> None:
         """Find a leg that distinguishes places, or end it."""
@@ -349,7 +352,8 @@ class Relocate(Behaviour):
                 recovery.on(Event.ENDED)
             return
         recovery.on(Event.FACING)
-        blocked = room.ahead < p.back_room_m
+        turn = self._leg_turn(off) if recovery.phase is Phase.LEG else 0.0
+        blocked = room.ahead < p.back_room_m or self.refuses(self._speed, turn)
         if x <= NEAR_M or blocked:
             recovery.on(Event.ENDED)
             recovery.way_m, recovery.chosen_at = 0.0, self.now if blocked else -inf
@@ -416,6 +420,8 @@ class Relocate(Behaviour):
             return
         points, turn_room = room.obstacles.points, self.p.safety.turn_room
         for side in (self._side, -self._side):
+            if self.refuses(0.0, side * self.p.w):
+                continue
             if free_turn(points, side, self.body.outline, TURN_MARGIN_M) > turn_room:
                 recovery.stall.reversals += side != self._side
                 self._side = side
@@ -428,6 +434,8 @@ class Relocate(Behaviour):
         if room.ahead >= self.p.ahead_m:
             return self._speed, 0.0, "lost: drive on"
         if room.behind <= self.p.back_room_m:
+            if room.ahead > self.p.back_room_m:  # it backed off from there, or cannot turn yet
+                return self._slow, 0.0, "lost: on, as far as there is room"
             return 0.0, 0.0, "lost: no way on"
         # It backs out the way it came, and looks around again.
         self._recovery.on(Event.BOXED_IN)
@@ -441,11 +449,15 @@ class Relocate(Behaviour):
         x, y, _ = relative(self._odometry, self._recovery.leg_end)
         return x, wrap(atan2(y, x))
 
+    def _leg_turn(self, off: float) -> float:
+        """The turn rate towards a bearing while it drives there, rad/s."""
+        return max(-self.p.w, min(self.p.w, off))
+
     def _side_to(self, off: float, room: Room) -> float | None:
         """The side by which it can turn to a bearing, the shorter way first: 1 left, -1 right."""
         for side in (1.0, -1.0) if off > 0.0 else (-1.0, 1.0):
             free = free_turn(room.obstacles.points, side, self.body.outline, TURN_MARGIN_M)
-            if free > side * off % tau:
+            if free > side * off % tau and not self.refuses(0.0, side * self.p.w):
                 return side
         return None
 

@@ -97,8 +97,17 @@ SENSOR_M: Final = 0.08
 """Least distance of a sonar to a wall: it is mounted inside the footprint."""
 
 
-BATCH_PAIRS: Final = 32_000
+BATCH_PAIRS: Final = 8_000
 """Pairs of echo and pose computed at once: as many as fit into the processor's caches."""
+
+SILENCE: Final = np.asarray(
+    MISSED + (1.0 - MISSED) / FULL * np.arange(FULL + 1, dtype=np.uint8), dtype=np.float32
+)
+"""The likelihood of no echo, by the table's chance of it."""
+
+ONLY_RANDOM: Final = np.float32(RANDOM)
+SHORT_OR_RANDOM: Final = np.float32(SHORT) + np.float32(RANDOM)
+ALL, LESS, OTHERS = np.float32(1.0), np.float32(BEHIND), np.float32(1.0 - EXACT)
 
 NEGLIGIBLE: Final = np.float32(-80.0)
 """The exponential of less is a denormal number, on which processors are ten times slower."""
@@ -217,12 +226,13 @@ class SonarModel:
             made: The result of `fields` for these, if it was cached.
         """
         made = fields(grid, cone_rad, reach_m) if made is None else made
-        self._arc = np.asarray(ARC)[:, None] * (0.5 * cone_rad)
+        self._arc = np.asarray(ARC)[:, None, None] * (0.5 * cone_rad)
         self._inverse = np.float32(1.0 / grid.cell_m)
         self._x0, self._y0 = (np.float32(low) for low in made.corner)
         self._columns = made.fine.shape[1]
         self._fine, self._coarse = made.fine.ravel(), made.coarse.ravel()
         self.bounds = grid.bounds
+        self._west, self._south = (np.float32(low - MARGIN_M) for low in grid.bounds[:2])
         r = Reflectors(*made.reflectors)
         self._reflectors = r.x, r.y, r.along_x, r.along_y
         self._row = made.cell.ravel() * np.int32(HEADINGS)  # of each cell; negative: the last rows
@@ -239,24 +249,23 @@ class SonarModel:
     ) -> Floats:
         """The likelihood of each echo at each pose, (poses, echoes); see `Model`."""
         found = np.empty((len(poses), len(echoes)), dtype=np.float32)
-        for answered in (True, False):
-            which = [k for k, echo in enumerate(echoes) if (echo.range is not None) is answered]
-            chosen = [echoes[k] for k in which]
-            together = BATCH_PAIRS // max(1, len(which))
-            for begin in range(0, len(poses) if which else 0, together):
-                part = slice(begin, begin + together)
-                at = self._frames(poses[part])
-                if answered:
-                    of = self._answered(at, chosen, coarse, excused)
-                else:
-                    of = self._silence(at, chosen)
-                found[part, which] = of.T
+        heard = [k for k, echo in enumerate(echoes) if echo.range is not None]
+        unheard = [k for k, echo in enumerate(echoes) if echo.range is None]
+        answers, silences = [echoes[k] for k in heard], [echoes[k] for k in unheard]
+        together = BATCH_PAIRS // max(1, len(heard), len(unheard))
+        for begin in range(0, len(poses), together):
+            part = slice(begin, begin + together)
+            at = self._frames(poses[part])
+            rows = [*self._answered(at, answers, coarse, excused)] if answers else []
+            rows += [*self._silence(at, silences)] if silences else []
+            for k, row in zip((*heard, *unheard), rows, strict=True):
+                found[part, k] = row
         return found
 
     def _silence(self, at: Frames, echoes: Sequence[Echo]) -> Floats:
         """The likelihood of no echo, (echoes, poses)."""
         reception, _, _ = self._lookup(at, echoes)
-        return _float32(MISSED + (1.0 - MISSED) / FULL * reception["silent"])
+        return SILENCE.take(reception["silent"])
 
     def _answered(self, at: Frames, echoes: Sequence[Echo], coarse: bool, excused: bool) -> Floats:
         """The likelihood of each range, (echoes, poses)."""
@@ -267,9 +276,9 @@ class SonarModel:
         whole_mm = np.floor(range_mm)  # the resolution of the model
         before = wall_mm > _float32(whole_mm)
         through = wall_mm < _float32(np.ceil(range_mm - 1e3 * BEHIND_M))
-        likelihood += np.float32(SHORT) * before + np.float32(RANDOM)
-        likelihood *= _float32((1.0, BEHIND)).take(through)
-        likelihood *= np.float32(1.0 - EXACT)
+        likelihood += np.where(before, SHORT_OR_RANDOM, ONLY_RANDOM)
+        likelihood *= np.where(through, LESS, ALL)
+        likelihood *= OTHERS
         likelihood += self._exact(x, y, reception, ranges, coarse)
         if excused:
             nearer = wall_mm > _float32(whole_mm + EXCUSED_MM)
@@ -280,17 +289,18 @@ class SonarModel:
         self, at: Frames, echoes: Sequence[Echo]
     ) -> tuple[NDArray[np.void], Floats, Floats]:
         """The table's rows for each sonar at each pose, and its x and y: (echoes, poses)."""
-        x, y = at.ahead(_float32([[e.x] for e in echoes]), _float32([[e.y] for e in echoes]))
-        west, south = (np.float32(low - MARGIN_M) for low in self.bounds[:2])
+        mounts = np.array([(e.x, e.y, e.bearing) for e in echoes], dtype=np.float32)
+        x, y = at.ahead(mounts[:, :1], mounts[:, 1:2])
         inverse = np.float32(1.0 / CELL_M)
-        column = ((x - west) * inverse).astype(np.int32)
-        row = ((y - south) * inverse).astype(np.int32)
-        np.clip(column, 0, self._across - 1, out=column)
-        np.clip(row, 0, self._rows - 1, out=row)
+        column = ((x - self._west) * inverse).astype(np.int32)
+        row = ((y - self._south) * inverse).astype(np.int32)
+        np.minimum(np.maximum(column, 0, out=column), self._across - 1, out=column)
+        np.minimum(np.maximum(row, 0, out=row), self._rows - 1, out=row)
         row *= self._across
         row += column
-        looks = at.theta + _float32([[e.bearing] for e in echoes])
-        turn = np.rint(looks * np.float32(HEADINGS / tau)).astype(np.int32)
+        looks = at.theta + mounts[:, 2:]
+        looks *= np.float32(HEADINGS / tau)
+        turn = np.rint(looks, out=looks).astype(np.int32)
         turn -= turn // HEADINGS * HEADINGS  # numpy's remainder takes 20 times as long
         where = self._row.take(row)
         where += turn
@@ -308,29 +318,29 @@ class SonarModel:
         """The likelihood that the range is that of a reflector, (echoes, poses)."""
         deviation = (COARSE_EXACT_M if coarse else EXACT_M) + EXACT_SHARE * ranges
         inverse, reading = _float32(1.0 / deviation), _float32(ranges / deviation)
-        likelihood = np.zeros_like(x)
-        for rank in range(LIKELY):
-            one = reception["which"][..., rank].astype(np.intp)
-            to_x, to_y, along_x, along_y = (column.take(one) for column in self._reflectors)
-            to_x -= x
-            to_y -= y
-            foot = to_x * along_x
-            foot += to_y * along_y
-            along_x *= foot
-            along_y *= foot
-            to_x -= along_x
-            to_y -= along_y
-            to_x *= to_x
-            to_y *= to_y
-            off = np.sqrt(np.add(to_x, to_y, out=to_x), out=to_x)
-            off *= inverse
-            off -= reading
-            off *= off
-            off *= np.float32(-0.5)
-            np.maximum(off, NEGLIGIBLE, out=off)
-            np.exp(off, out=off)
-            off *= reception["chance"][..., rank]
-            likelihood += off
+        one = reception["which"].transpose(2, 0, 1).astype(np.intp, order="C")
+        to_x, to_y, along_x, along_y = (column.take(one) for column in self._reflectors)
+        to_x -= x
+        to_y -= y
+        foot = to_x * along_x
+        foot += to_y * along_y
+        along_x *= foot
+        along_y *= foot
+        to_x -= along_x
+        to_y -= along_y
+        to_x *= to_x
+        to_y *= to_y
+        off = np.sqrt(np.add(to_x, to_y, out=to_x), out=to_x)
+        off *= inverse
+        off -= reading
+        off *= off
+        off *= np.float32(-0.5)
+        np.maximum(off, NEGLIGIBLE, out=off)
+        np.exp(off, out=off)
+        off *= reception["chance"].transpose(2, 0, 1)
+        likelihood: Floats = off[0]
+        for rank in range(1, LIKELY):
+            likelihood += off[rank]
         likelihood *= np.float32(EXACT / FULL)
         return likelihood
 
@@ -341,19 +351,17 @@ class SonarModel:
         field, inverse = self._coarse if coarse else self._fine, self._inverse
         at = at._replace(x=at.x - self._x0, y=at.y - self._y0)
         mounts = np.array([(e.x, e.y, e.bearing) for e in echoes])[:, :, None]
-        best = np.zeros((len(echoes), len(at.x)), dtype=np.float32)
-        for off in self._arc:
-            angle = mounts[:, 2] + off
-            x, y = at.ahead(
-                _float32(mounts[:, 0] + ranges * np.cos(angle)),
-                _float32(mounts[:, 1] + ranges * np.sin(angle)),
-            )
-            x *= inverse
-            y *= inverse
-            row = y.astype(np.int32)
-            row *= self._columns  # an echo beyond the field is far from any wall: any cell will do
-            row += x.astype(np.int32)
-            np.maximum(best, field.take(row, mode="clip"), out=best)
+        angle = mounts[:, 2] + self._arc
+        x, y = at.ahead(
+            _float32(mounts[:, 0] + ranges * np.cos(angle)),
+            _float32(mounts[:, 1] + ranges * np.sin(angle)),
+        )
+        x *= inverse
+        y *= inverse
+        row = y.astype(np.int32)
+        row *= self._columns  # an echo beyond the field is far from any wall: any cell will do
+        row += x.astype(np.int32)
+        best: Floats = field.take(row, mode="clip").max(axis=0)
         return best
 
     def _frames(self, poses: Poses) -> Frames:
@@ -361,8 +369,8 @@ class SonarModel:
         x1, y1, x2, y2 = self.bounds
         theta = poses[:, 2].copy()
         return Frames(
-            np.clip(poses[:, 0], x1 - MARGIN_M, x2 + MARGIN_M),
-            np.clip(poses[:, 1], y1 - MARGIN_M, y2 + MARGIN_M),
+            np.minimum(np.maximum(poses[:, 0], x1 - MARGIN_M), x2 + MARGIN_M),
+            np.minimum(np.maximum(poses[:, 1], y1 - MARGIN_M), y2 + MARGIN_M),
             theta,
             np.cos(theta),
             np.sin(theta),

@@ -93,7 +93,9 @@ class Missions:
             raise RefusedError(str(error)) from None
         priority = mission.priority if order.priority is None else order.priority
         listed = BoardMission(
-            number, order.name, priority, MissionEnd.QUEUED, order.by, text=order.text
+            *(number, order.name, priority, MissionEnd.QUEUED, order.by),
+            text=order.text,
+            terms=order.terms,
         )
         going_on = [entry.listed.text for entry in self.entries.values() if entry.goes_on]
         if sum(map(len, [*going_on, order.text])) > TEXTS_MOST:

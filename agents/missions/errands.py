@@ -15,6 +15,8 @@ from collections.abc import Callable
 from math import cos, sin
 from typing import ClassVar
 
+from msgspec.structs import replace
+
 from armadico.core.agent import Agent, Identity, Parameters
 from armadico.core.exchange import Bid
 from armadico.core.messages import Message, Point
@@ -28,6 +30,7 @@ from armadico.mobile.messages import (
     Planned,
     PlanTask,
     Pose,
+    Terms,
     Trajectory,
     Way,
     Waypoint,
@@ -205,21 +208,29 @@ class Errand:
         self.stage = following(self.stage, event)
 
     def bid_for(
-        self, resource: Resource, utility: float, *, critical: bool = False, cleared: bool = True
+        self,
+        resource: Resource,
+        utility: float,
+        *,
+        critical: bool = False,
+        cleared: bool = True,
+        terms: Terms | None = None,
     ) -> Bid | None:
         """Return the bid for the planner or the trajectory now, or None.
 
-        There is no bid for a path that is not `cleared` yet.
+        There is no bid for a path that is not `cleared` yet. `terms` are those of its paths.
         """
         if resource is PLANNER:
             return self.desk.bid(utility, critical=critical)
         bids = cleared and self.stage in (Stage.WAITING, Stage.DRIVING, Stage.REACHED)
         if bids and self._way is not None:
-            return Bid(utility, self._way, critical, reason=f"to {_at(self._way.waypoints[-1])}")
+            way, to = replace(self._way, terms=terms), self._way.waypoints[-1]
+            return Bid(utility, way, critical, reason=f"to {_at(to)}")
         if self.standing is None:
             return None
         reason = f"stands at {_at(self.standing.waypoints[-1])}"
-        return Bid(utility, self.standing, critical, reason=reason)
+        standing = replace(self.standing, terms=terms)
+        return Bid(utility, standing, critical, reason=reason)
 
     def pose(self, pose: Pose) -> None:
         """Update the progress on the path that is driven."""

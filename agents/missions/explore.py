@@ -396,7 +396,9 @@ class Explore(Agent):
                 self._failed(newest, f"a mission was refused: {refusal}")
 
         revision = 0 if self._map is None else self._map.revision
-        self.query(MissionRequest(goal, through, planned=False, revision=revision), on_reply)
+        self.query(
+            MissionRequest(goal, through, planned=False, revision=revision, by=self.name), on_reply
+        )
 
     def _arrived(self, exploration: Exploration, doubt: str) -> None:
         if exploration.state is ExploreState.RETURNING:

@@ -24,7 +24,7 @@ from armadico.core.messages import (
 )
 from armadico.core.services import event, latch, query, state
 from armadico.mobile.errand import Errands, Order, Progress, StepDone
-from armadico.mobile.messages import UNSURE, Joules, Leading, MissionReply, Waypoint
+from armadico.mobile.messages import UNSURE, Joules, Leading, MissionReply, Terms, Waypoint
 
 
 class ExploreRequest(Order, frozen=True):
@@ -287,6 +287,9 @@ class BoardMission(Message, frozen=True):
     ahead: Annotated[tuple[Text, ...], Meta(max_length=64)] = ()  # the next steps
     note: Text = ""
     way: Bits64 = 0  # the path that its task has the robot driven on; 0: none
+    terms: Terms | None = None  # of its paths
+
+    appended: ClassVar[int] = 1
 
     @property
     def over(self) -> bool:

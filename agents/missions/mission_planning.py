@@ -316,7 +316,7 @@ class MissionPlanning(DeliberativeAgent):
         worth = of_mission(active.listed.priority)
         wants = self._wanted
         cleared = not isinstance(wants, Driving) or wants.energy is Energy.CLEARED
-        return self.errand.bid_for(resource, worth, cleared=cleared)
+        return self.errand.bid_for(resource, worth, cleared=cleared, terms=active.listed.terms)
 
     # The missions ---------------------------------------------------------------------------------
 

@@ -83,6 +83,11 @@ class Mapper:
         odds[cells.states == OCCUPIED] = 2.0 * self.p.occupied
         self._odds = odds
 
+    def settle(self) -> None:
+        """End a session: what it has is as sure as a map that is resumed, and no surer."""
+        p = self.p
+        np.clip(self._odds, -2.0 * p.free, 2.0 * p.occupied, out=self._odds)
+
     def add(self, pose: Posed, echo: Echo) -> None:
         """Add one ping of a robot at a pose in the world."""
         p = self.p

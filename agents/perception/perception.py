@@ -195,9 +195,11 @@ class Perception(Agent):
                 yield when, Point(x, y)
 
     def _is_off_map(self, point: Point) -> bool:
-        """Whether the pose on the global map is known and the map has no wall there."""
+        """Whether the global map has no wall there: none at all, or by a known pose."""
         walls = self._walls
-        return walls is not None and walls.known and not walls.near(point.x, point.y, BUMP_OFF_M)
+        if walls is None:
+            return False
+        return walls.none or (walls.known and not walls.near(point.x, point.y, BUMP_OFF_M))
 
 
 def _point(obstacle: Obstacle | None) -> Point | None:

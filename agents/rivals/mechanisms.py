@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 from msgspec import Meta
 
@@ -13,7 +13,7 @@ from armadico.core import parameters
 from armadico.core.agent import Identity
 from armadico.core.exchange import EXCHANGES, Bid, Handover
 from armadico.core.messages import Cycle
-from armadico.core.resources import WHEELS
+from armadico.core.parameters import AgentName
 
 # The order of agents with fixed ranks, highest first. Others rank below those named.
 ORDER: Final = ("teleop", "relocate", "avoid", "gothrough", "goto")
@@ -28,7 +28,8 @@ class AuctionParameters(parameters.Parameters, frozen=True, forbid_unknown_field
 class Auction(Arbiter):
     """The best bid wins, by a margin, and is blended in as the holder's bid is by ballots.
 
-    Busquets, Sierra and Lopez de Mantaras (2003): bids in [0, 1] to one coordinator.
+    Busquets, Sierra and Lopez de Mantaras (2003): bids in [0, 1] to one coordinator. It decides
+    about the wheels; a subclass with another resource in `competes_for` decides about that.
     """
 
     name = "auction"
@@ -38,7 +39,7 @@ class Auction(Arbiter):
     def __init__(self, identity: Identity, parameters: AuctionParameters | None = None) -> None:
         super().__init__(identity, parameters)
         self._leader = ""
-        self._last: Speeds = (0.0, 0.0)
+        self._last: Any = self.resource.neutral
         self._utility = 0.0
         self._handover: Handover | None = None
         self._since: Cycle | None = None
@@ -51,16 +52,16 @@ class Auction(Arbiter):
         wish = wishes[name]
         bid = Bid(wish.utility, wish.action, wish.critical, wish.within)
         if name != self._leader and self._leader:
-            exchange = EXCHANGES[self.p.social.exchange or WHEELS.exchange]
-            period = self.cycles.period
-            self._handover = exchange.begin(WHEELS, self._last, self._utility, bid, period)
+            resource = self.resource
+            exchange = EXCHANGES[self.p.social.exchange or resource.exchange]
+            period = resource.period_s or self.cycles.period
+            self._handover = exchange.begin(resource, self._last, self._utility, bid, period)
             self._since = cycle
         self._leader, self._utility = name, wish.utility
         action = wish.action
         if self._handover is not None and self._since is not None:
             blended = self._handover.action(cycle.number - self._since.number + 1, bid)
-            assert not isinstance(blended, bytes), "the wheels have numbers"
-            action = (blended[0], blended[1])
+            action = self.resource.unpack(blended)
         self._last = action
         return Decision(action, {name: 1.0})
 
@@ -73,9 +74,10 @@ class Auction(Arbiter):
 class PriorityParameters(parameters.Parameters, frozen=True, forbid_unknown_fields=True):
     """Parameters of the fixed priority."""
 
-    order: tuple[str, ...] = ORDER  # highest first
-    # From this utility on a layer is active; if none is, the lowest drives. Of four values it drove
-    # best on eight worlds of a pilot, so it is tuned, and ballots are, too.
+    order: tuple[AgentName, ...] = ORDER  # highest first
+    # From this utility on a layer is active; the lowest named is whenever it wants anything, so no
+    # agent below the order suppresses it. Of four values this one drove best on eight worlds of a
+    # pilot, so it is tuned, and ballots are, too.
     active: Annotated[float, Meta(ge=0, le=1)] = 0.8
     suppression_s: Annotated[float, Meta(ge=0, le=10)] = 0.3
 
@@ -96,15 +98,19 @@ class Priority(Arbiter):
         self._line: Speeds = (0.0, 0.0)  # the suppressing layer's last output
 
     def decide(self, wishes: Mapping[str, Wish], cycle: Cycle) -> Decision:  # noqa: ARG002
-        names = sorted(wishes, key=lambda name: rank(name, self.p.order))
-        active = [n for n in names if wishes[n].utility >= self.p.active or wishes[n].critical]
-        name = active[0] if active else names[-1]
         order = self.p.order
+        names = sorted(wishes, key=lambda name: rank(name, order))
+        active = [name for name in names if self._active(name, wishes[name])]
+        name = active[0] if active else names[-1]
         if self.now < self._until and rank(self._layer, order) < rank(name, order):
             return Decision(self._line, {self._layer: 1.0})
         self._layer, self._line = name, wishes[name].action
         self._until = self.now + self.p.suppression_s if name in active else 0.0
         return Decision(self._line, {name: 1.0})
+
+    def _active(self, name: str, wish: Wish) -> bool:
+        lowest = self.p.order[-1:] == (name,)
+        return wish.critical or wish.utility >= self.p.active or (lowest and wish.utility > 0.0)
 
 
 def rank(name: str, order: tuple[str, ...]) -> int:
@@ -115,7 +121,7 @@ def rank(name: str, order: tuple[str, ...]) -> int:
 class ResolverParameters(parameters.Parameters, frozen=True, forbid_unknown_fields=True):
     """Parameters of ARIA's resolver."""
 
-    order: tuple[tuple[str, ...], ...] = (
+    order: tuple[tuple[AgentName, ...], ...] = (
         ("teleop",),
         ("relocate",),
         ("avoid",),
@@ -166,7 +172,15 @@ def mixed(wishes: Mapping[str, Wish], weights: Mapping[str, float]) -> Decision:
     return Decision((v, w), shares)
 
 
-AUCTION: Final = Arbitrated(Auction.name)
-PRIORITY: Final = Arbitrated(Priority.name)
-RESOLVER: Final = Arbitrated(Resolver.name)
-MEAN: Final = Arbitrated(Mean.name)
+AUCTION: Final = Arbitrated(
+    Auction.name, about="the best bid, by a margin, blended in smoothly: a central auction"
+)
+PRIORITY: Final = Arbitrated(
+    Priority.name,
+    about="fixed priority: an active layer suppresses those below it, also for a time after",
+)
+RESOLVER: Final = Arbitrated(
+    Resolver.name,
+    about="the mean by strength within a priority; lower ones share what strength is left",
+)
+MEAN: Final = Arbitrated(Mean.name, about="the mean of all actions, weighted by utility")

@@ -12,18 +12,18 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from armadico.agents.methods.odometry import WIDEST, was_reset
+from armadico.agents.methods.poses import Floats, compose, relative, wrapped
+from armadico.agents.methods.scan_matching import Indices, MatcherParameters
+from armadico.agents.methods.slices import Sliced, finished
+from armadico.agents.slam.key_map import points_of
 from armadico.agents.slam.loop_closure import LoopParameters
 from armadico.agents.slam.moved import map_moved
-from armadico.agents.slam.poses import Floats, compose, relative, wrapped
-from armadico.agents.slam.scan_matching import Indices, MatcherParameters, PointCloud
 from armadico.agents.slam.slam import (
     UNKNOWN,
     Slam,
     SlamParameters,
     Update,
-    matched_points,
 )
-from armadico.agents.slam.slices import Sliced, finished
 from armadico.agents.slam.states import Moved
 from armadico.config import graph_file, grid_map, map_graphs
 from armadico.config.graph_file import DrawnScan, Footprint, SavedGraph
@@ -413,9 +413,12 @@ class SlamAgent(Agent):
             self._adopt(moved)
             self._report()
             return
-        mapper = new_mapper()
+        mapper, session = new_mapper(), 0
         for one in self._drawn:  # with those that are added meanwhile
             if scans.part[one.key] in of:
+                if scans.session_of(one.key) > session:
+                    session = scans.session_of(one.key)
+                    mapper.settle()
                 self._draw(mapper, one, scans.later(moved.poses))
                 yield DRAW_WORK * _metres(one.scan)
         shown = np.flatnonzero(scans.part == self._picture.part)
@@ -468,13 +471,17 @@ class SlamAgent(Agent):
         slam, clouds = Slam(_parameters(self.p)), []
         for one in graph.scans:
             if one.is_key:
-                clouds.append(_points(one.scan, self.p.max_range))
+                clouds.append(points_of(one.scan, self.p.max_range))
                 yield POINTS_WORK
-        mapper = new_mapper()
+        mapper, session = new_mapper(), 0
         for one in graph.scans:
             if graph.part[one.key] == 0:
+                if graph.session[one.key] > session:
+                    session = int(graph.session[one.key])
+                    mapper.settle()
                 self._draw(mapper, one, graph.poses, graph.body)
                 yield DRAW_WORK * _metres(one.scan)
+        mapper.settle()
         slam.restore(graph, clouds)
         self._slam, self._drawn = slam, list(graph.scans)
         self._newest, self._reported = Newest(self._newest.number), Reported()
@@ -549,11 +556,6 @@ def _without_dropouts(scan: Scan) -> Scan:
     alone[1:-1] = (seen[1:-1] == FREE) & met[:-2] & met[2:]
     seen[alone] = INVALID
     return replace(scan, packed=seen.tobytes())
-
-
-def _points(scan: Scan, max_range: float) -> PointCloud:
-    """The points of a scan as `Slam` keeps them."""
-    return matched_points(ranges_of(scan), bearings_of(scan), (scan.x, scan.y), max_range)
 
 
 def _metres(scan: Scan) -> int:

@@ -25,9 +25,8 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from armadico.agents.slam.parameters import Count, Positive
-from armadico.agents.slam.pose_graph import Edge
-from armadico.agents.slam.poses import (
+from armadico.agents.methods.parameters import Count, Positive
+from armadico.agents.methods.poses import (
     Floats,
     jacobian_of_step,
     relative,
@@ -35,8 +34,9 @@ from armadico.agents.slam.poses import (
     transformed,
     turned,
 )
-from armadico.agents.slam.scan_matching import Indices, PointCloud
-from armadico.agents.slam.slices import Sliced
+from armadico.agents.methods.scan_matching import Indices, PointCloud
+from armadico.agents.methods.slices import Sliced
+from armadico.agents.slam.pose_graph import Edge
 
 RAY_WORK, EDGE_WORK = 8, 4000
 """Work (`slices`) of a place on a ray, and of an edge whose error is accumulated."""

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from armadico.agents.methods.slices import Sliced
 from armadico.agents.slam.consistency import (
     ConsistencyParameters,
     Contradiction,
@@ -16,7 +17,6 @@ from armadico.agents.slam.consistency import (
     most_uncertain,
 )
 from armadico.agents.slam.key_map import KeyMap
-from armadico.agents.slam.slices import Sliced
 from armadico.agents.slam.states import Proof
 
 CHECKED_SCANS: Final = 50

@@ -4,29 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from math import hypot
 
 import numpy as np
 from numpy.typing import NDArray
 
-from armadico.agents.slam.loop_closure import Loop
-from armadico.agents.slam.pose_graph import Edge, PoseGraph
-from armadico.agents.slam.poses import Floats, compose, relative, transformed, wrapped
-from armadico.agents.slam.relocation import Scans
-from armadico.agents.slam.scan_matching import (
+from armadico.agents.methods.front_end import matched_points
+from armadico.agents.methods.poses import Floats, compose, relative, rotation, wrapped
+from armadico.agents.methods.scan_matching import (
     Indices,
     PointCloud,
     in_world,
-    looked_at,
-    share_of,
 )
+from armadico.agents.slam.loop_closure import Loop
+from armadico.agents.slam.pose_graph import Edge, PoseGraph
+from armadico.agents.slam.relocation import Recognised, Scans
 from armadico.config.graph_file import DrawnScan, Footprint, SavedGraph
+from armadico.mobile.messages import Scan
+from armadico.mobile.scans import bearings_of, ranges_of
 
-LEAST_POINTS: Final = 20
-"""A scan with fewer points is not used."""
 
-WALLS: Final = 200
-"""Points of the map, at about, that are checked to be walls: bounds the time."""
+def points_of(scan: Scan, max_range: float) -> PointCloud:
+    """The points of a scan as a map keeps them; rays up to a range (m) count."""
+    return matched_points(ranges_of(scan), bearings_of(scan), (scan.x, scan.y), max_range)
 
 
 @dataclass
@@ -45,6 +45,8 @@ class KeyMap:
     part: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))  # that each is of
     loops: list[Loop] = field(default_factory=list)
     revision: int = 0  # grows whenever poses move
+    before: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    """The sessions of the key scans that were restored; later ones are of the next session."""
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -109,6 +111,28 @@ class KeyMap:
         """Loops that are switched off."""
         return int(np.count_nonzero(self.switched_off))
 
+    def session_of(self, key: int) -> int:
+        """The session of a key scan, from 0."""
+        return int(self.before[key] if key < len(self.before) else self.before.max(initial=-1) + 1)
+
+    def loops_of(self, found: Sequence[Recognised], poses: Floats, together: int) -> list[Loop]:
+        """The loops of places that were found.
+
+        Args:
+            found: The places.
+            poses: (n, 3) of the key scans once their part is moved there.
+            together: Scans that were matched together; their points repeat each other.
+        """
+        loops = []
+        for one in found:
+            turn = rotation(poses[one.start, 2])
+            information = turn.T @ (one.match.information / together) @ turn
+            off = relative(self.poses[one.end], one.pose)
+            step, moved = relative(poses[one.start], one.pose), hypot(off[0], off[1])
+            how = one.score, one.match.inliers, moved
+            loops.append(Loop(one.start, one.end, step, information, *how))
+        return loops
+
     # What scans see -------------------------------------------------------------------------------
 
     def scans(self, which: Indices) -> Scans:
@@ -116,9 +140,13 @@ class KeyMap:
         numbers = [int(k) for k in which]
         return Scans(numbers, self.poses[which], [self.clouds[k] for k in numbers])
 
+    def pairs(self, which: Sequence[int]) -> list[tuple[Floats, PointCloud]]:
+        """The poses and the points of some key scans."""
+        return [(self.poses[k], self.clouds[k]) for k in which]
+
     def drawn(self, which: Sequence[int]) -> PointCloud:
         """The points of some key scans in the world."""
-        return in_world([(self.poses[k], self.clouds[k]) for k in which])
+        return in_world(self.pairs(which))
 
     def nearest(self, pose: Floats, most: int) -> list[int]:
         """The key scans of the newest part that are nearest to a pose, the nearest first."""
@@ -126,38 +154,6 @@ class KeyMap:
         off = self.poses[there] - pose
         away = np.hypot(off[:, 0], off[:, 1]) + 0.3 * np.abs(wrapped(off[:, 2]))
         return [int(k) for k in there[np.argsort(away, kind="stable")[:most]]]
-
-    def seen(
-        self, chain: Sequence[int], points: Floats, origin: tuple[float, float]
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """(n,) how many scans passed through points in the world, and how many ended there."""
-        passed, met = np.zeros((2, len(points)), dtype=np.intp)
-        for k in chain:
-            there = transformed(relative(self.poses[k], np.zeros(3)), points)
-            visible, free = looked_at(self.clouds[k], there, origin)
-            passed += free
-            met += visible & ~free
-        return passed, met
-
-    def through_walls(
-        self,
-        chain: Sequence[int],
-        points: Floats,
-        pose: Floats,
-        cloud: PointCloud,
-        origin: tuple[float, float],
-    ) -> float:
-        """The share of the points of a map, drawn by some key scans, that a scan looks through.
-
-        People leave many points and no wall: what most of the scans saw through does not count.
-        """
-        there = transformed(relative(pose, np.zeros(3)), points)
-        seen, through = looked_at(cloud, there, origin)
-        walls = points[through][:: 1 + np.count_nonzero(through) // WALLS]
-        if not len(walls):
-            return 0.0
-        passed, met = self.seen(chain, walls, origin)
-        return share_of(through, seen, LEAST_POINTS) * float((met > passed).mean())
 
     # Its file -------------------------------------------------------------------------------------
 
@@ -170,6 +166,7 @@ class KeyMap:
         """
         self.poses, self.way, self.part = graph.poses, graph.way.tolist(), graph.part
         self.clouds, self.numbers = list(clouds), [0] * len(graph.poses)
+        self.before = graph.session
         self.graph.weights = graph.weights
         rows = zip(graph.ends.tolist(), graph.steps, graph.information, graph.loops, strict=True)
         for (start, end), step, information, loop in rows:
@@ -192,6 +189,7 @@ class KeyMap:
         weights[: len(self.graph.weights)] = self.graph.weights
         kept = [k for k, one in enumerate(self.graph.edges) if max(one.start, one.end) < count]
         edges = [self.graph.edges[k] for k in kept]
+        sessions = [self.session_of(k) for k in range(count)]
         return SavedGraph(
             self.poses[:count],
             np.array(self.way[:count]),
@@ -204,4 +202,5 @@ class KeyMap:
             weak,
             [one for one in scans if one.key < count],
             body,
+            np.array(sessions, dtype=np.intp),
         )

@@ -19,8 +19,8 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 from msgspec import Struct
 
-from armadico.agents.slam.parameters import Count, Positive
-from armadico.agents.slam.poses import (
+from armadico.agents.methods.parameters import Count, Positive
+from armadico.agents.methods.poses import (
     Floats,
     compose,
     relative,
@@ -28,7 +28,7 @@ from armadico.agents.slam.poses import (
     transformed,
     wrapped,
 )
-from armadico.agents.slam.scan_matching import (
+from armadico.agents.methods.scan_matching import (
     Indices,
     LikelihoodField,
     MatcherParameters,
@@ -39,7 +39,7 @@ from armadico.agents.slam.scan_matching import (
     point_to_line,
     voxel_filtered,
 )
-from armadico.agents.slam.slices import Sliced, finished
+from armadico.agents.methods.slices import Sliced, finished
 
 FIELD_WORK: Final = 80
 """Work of a point of a new field, in look-ups (`slices`)."""

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from armadico.agents.slam.poses import Floats, wrapped
+from armadico.agents.methods.poses import Floats, wrapped
 from armadico.mobile.messages import MOVED, MapMoved, Moved
 
 APART_M: Final = 1.0

@@ -21,9 +21,9 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from armadico.agents.slam.parameters import Count, Positive
-from armadico.agents.slam.poses import Floats, relative, wrapped
-from armadico.agents.slam.slices import Sliced, finished
+from armadico.agents.methods.parameters import Count, Positive
+from armadico.agents.methods.poses import Floats, relative, wrapped
+from armadico.agents.methods.slices import Sliced, finished
 
 Indices = NDArray[np.intp]
 

@@ -18,16 +18,15 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from armadico.agents.slam.loop_closure import FIELD_WORK, ICP_WORK, agree
-from armadico.agents.slam.parameters import Count, Positive
-from armadico.agents.slam.poses import (
+from armadico.agents.methods.parameters import Count, Positive
+from armadico.agents.methods.poses import (
     Floats,
     compose,
     relative,
     transformed,
     wrapped,
 )
-from armadico.agents.slam.scan_matching import (
+from armadico.agents.methods.scan_matching import (
     Indices,
     LikelihoodField,
     Match,
@@ -42,16 +41,14 @@ from armadico.agents.slam.scan_matching import (
     seen_through,
     voxel_filtered,
 )
-from armadico.agents.slam.slices import Sliced
+from armadico.agents.methods.slices import Sliced
+from armadico.agents.slam.loop_closure import FIELD_WORK, ICP_WORK, agree
 
 SLICE_SCANS: Final = 20
 """Key scans whose points are added to the field in one slice."""
 
 GATHER_WORK, LOOK_WORK = 40, 30
 """Work (`slices`) of a point that is added to the field, and of one that a scan looks at."""
-
-MOST_NODES: Final = 300_000
-"""With more candidates at one level the place is ambiguous: the search ends without a result."""
 
 MOST_CELLS: Final = 1500
 """Cells along a side of the field, at most: larger maps get larger cells."""
@@ -68,6 +65,7 @@ class RelocationParameters(Struct, frozen=True, kw_only=True):
     scans: Count = 12  # newest key scans that are matched together,
     way: Positive = 6.0  # m; they go back at most so far
     points: Count = 250  # that are scored
+    nodes: Count = 75_000  # of one level; with more the place is ambiguous: there is no result
     distance: Positive = 3.0  # m; the robot is sought so near to a place where it has been
     minimum_score: Positive = 0.45  # on the coarse field
     similar: Positive = 0.8  # places with this share of the best score are compared
@@ -182,9 +180,7 @@ class WholeMap:
 
         step = 1 << p.depth
         offsets = np.arange(-(middle // step) * step, field.size - middle, step)
-        best = yield from tree.search(
-            offsets, p.minimum_score, p.similar, possible, MOST_NODES // 4
-        )
+        best = yield from tree.search(offsets, p.minimum_score, p.similar, possible, p.nodes)
         if best is None:
             return None
         nodes, scores = best
@@ -229,6 +225,16 @@ class Relocator:
             way: The way driven at each, m.
             origin: The scanner in the robot's frame, m.
         """
+        found = yield from self.looking(mine, way, origin)
+        if found is None:
+            return []
+        effort = way[-1] + 0.5 * float(np.abs(wrapped(np.diff(mine.poses[:, 2]))).sum())
+        return self._supported(found, mine.poses[-1], effort)
+
+    def looking(
+        self, mine: Scans, way: Sequence[float], origin: tuple[float, float]
+    ) -> Sliced[Recognised | None]:
+        """Search once: where the newest of some key scans lies, if one place is the best by far."""
         p = self.parameters
         self.searches += 1
         newest = [k for k in range(len(way))[-p.scans :] if way[-1] - way[k] <= p.way]
@@ -242,16 +248,12 @@ class Relocator:
         sample = voxel_filtered(points, 0.15, p.points)
         places = yield from self.map.searching(sample)
         if not places or (len(places) > p.places and places[-1][1] >= p.rival * places[0][1]):
-            return []
+            return None
         judged: list[Recognised] = []
         for pose, _ in places:
             place = yield from self._judged(mine.numbers[-1], pose, points, parts, origin)
             judged.append(place)
-        found = self._clear(judged)
-        if found is None:
-            return []
-        effort = way[-1] + 0.5 * float(np.abs(wrapped(np.diff(mine.poses[:, 2]))).sum())
-        return self._supported(found, here, effort)
+        return self._clear(judged)
 
     def _judged(
         self,

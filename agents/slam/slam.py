@@ -19,24 +19,36 @@ from math import hypot, pi
 from typing import Final, NamedTuple
 
 import numpy as np
-from msgspec import Struct
 
-from armadico.agents.slam.consistency import ConsistencyParameters
-from armadico.agents.slam.evidence import Evidence
-from armadico.agents.slam.key_map import LEAST_POINTS, WALLS, KeyMap
-from armadico.agents.slam.loop_closure import Loop, LoopCloser, LoopParameters
-from armadico.agents.slam.odometry_model import OdometryModel, OdometryParameters
-from armadico.agents.slam.parameters import LEAP_M, LEAP_M_S, Count, Positive
-from armadico.agents.slam.pose_graph import Edge, GraphParameters, PoseGraph
-from armadico.agents.slam.poses import (
+from armadico.agents.methods.front_end import (
+    FrontEnd,
+    FrontEndParameters,
+    after_step,
+    matched_points,
+)
+from armadico.agents.methods.parameters import LEAP_M, LEAP_M_S, Count
+from armadico.agents.methods.poses import (
     Floats,
     compose,
-    jacobian_of_step,
     relative,
     rotation,
-    transformed,
     wrapped,
 )
+from armadico.agents.methods.scan_matching import (
+    LEAST_MATCHED,
+    WALLS,
+    Match,
+    PointCloud,
+    Prior,
+    through_walls,
+    voxel_filtered,
+)
+from armadico.agents.methods.slices import Sliced, finished
+from armadico.agents.slam.consistency import ConsistencyParameters
+from armadico.agents.slam.evidence import Evidence
+from armadico.agents.slam.key_map import KeyMap
+from armadico.agents.slam.loop_closure import Loop, LoopCloser, LoopParameters
+from armadico.agents.slam.pose_graph import Edge, GraphParameters, PoseGraph
 from armadico.agents.slam.relocation import (
     GATHER_WORK,
     LOOK_WORK,
@@ -44,20 +56,6 @@ from armadico.agents.slam.relocation import (
     RelocationParameters,
     Relocator,
 )
-from armadico.agents.slam.scan_matching import (
-    LikelihoodField,
-    Match,
-    MatcherParameters,
-    PointCloud,
-    Prior,
-    Window,
-    correlate,
-    point_cloud,
-    point_to_line,
-    share_of,
-    voxel_filtered,
-)
-from armadico.agents.slam.slices import Sliced, finished
 from armadico.agents.slam.states import (
     TRANSITIONS,
     Backlog,
@@ -72,10 +70,6 @@ from armadico.agents.slam.states import (
     Step,
 )
 from armadico.config.graph_file import DrawnScan, Footprint, SavedGraph
-
-RAYS_APART: Final = 0.0132
-"""Of a scanner whose rays are closer than half of this, rad, only some are matched: normals are
-fitted to neighbours, and the noise of the ranges must be small beside their distance."""
 
 EXPLAINED: Final = 11.3
 """Squared standard deviations of three coordinates that 99 of 100 errors stay within."""
@@ -99,28 +93,13 @@ PROVED_M: Final = 6.0
 """How far away these are at most, m."""
 
 
-class SlamParameters(Struct, frozen=True, kw_only=True):
+class SlamParameters(FrontEndParameters, frozen=True, kw_only=True):
     """Names as in slam_toolbox, else as in Cartographer, where these have the parameter."""
 
-    max_range: Positive = 20.0  # m, of rays that count (max_laser_range)
-    minimum_travel_distance: Positive = 0.3  # m from one key scan to the next,
-    minimum_travel_heading: Positive = 0.3  # or rad
-    scan_buffer_size: Count = 50  # key scans of the local map
-    correlation_search_space_dimension: Positive = 0.6  # m, half of the window, at most
-    search_minimum: Positive = 0.15  # m, the window at least,
-    search_minimum_angle: Positive = 0.12  # rad
-    search_deviations: Positive = 1.5  # of the odometry, that are added to it
-    match_good: Positive = 0.65  # share of points that fit, from which a match counts fully,
-    match_weak: Positive = 0.4  # up to which it counts least:
-    match_weak_information: Positive = 0.05
-    lost_share: Positive = 0.3  # of a badly fitting scan or of the map that contradict each other:
-    lost_scans: Count = 3  # that many such scans, and the robot counts as carried
     optimize_every_n_nodes: Count = 10  # if there are loops,
     optimize_at_least: Count = 3  # and after so many if one moves the pose
     do_loop_closing: bool = True
     maximum_key_scans: Count = 20_000  # later scans are only matched: bounds the memory
-    matcher: MatcherParameters = MatcherParameters()
-    odometry: OdometryParameters = OdometryParameters()
     loops: LoopParameters = LoopParameters()
     graph: GraphParameters = GraphParameters()
     relocation: RelocationParameters = RelocationParameters()
@@ -146,7 +125,7 @@ class Slam:
         """Begin with an empty map."""
         self.parameters = p = parameters or SlamParameters()
         self.closer = LoopCloser(p.loops, p.matcher)
-        self.model = OdometryModel(p.odometry)
+        self.front = FrontEnd(p)
         self.map = KeyMap(PoseGraph(p.graph))
         self.evidence = Evidence()
         self.mode = Mode.UNPLACED
@@ -196,7 +175,7 @@ class Slam:
         """The pose of the robot in the map when its odometry has a value."""
         if self.mode is Mode.UNPLACED:
             return np.asarray(odometry, dtype=np.float64)
-        step = self.model.corrected(relative(self._placed.at, odometry))
+        step = self.front.model.corrected(relative(self._placed.at, odometry))
         return compose(self.matched_pose, step)
 
     @property
@@ -243,7 +222,7 @@ class Slam:
             if self.full or (near and abs(step[2]) < p.minimum_travel_heading):
                 return self._update(here, key=False, matched=False)
         cloud = matched_points(ranges, bearings, origin, p.max_range)
-        if len(cloud.points) < LEAST_POINTS:
+        if len(cloud.points) < LEAST_MATCHED:
             self.evidence.rejected += 1
             return None
         self._placed.origin, guess = origin, self.pose_at(here)
@@ -285,35 +264,29 @@ class Slam:
         covariance, near = placed.covariance, placed.near
         if not matched:
             step = relative(placed.at, odometry)
-            more = self.model.prior(step).covariance
+            more = self.front.model.prior(step).covariance
             covariance, near = (self._moved(one, step, more) for one in (covariance, near))
         return Update(pose, covariance, key, placed.inliers, self.map.revision, near, matched)
 
     def _moved(self, covariance: Floats, step: Floats, more: Floats) -> Floats:
         """A covariance after a step from the newest matched scan, whose own is in the world."""
-        turn = jacobian_of_step(self.matched_pose, step)
-        moved: Floats = turn @ covariance @ turn.T + more
-        return moved
+        return after_step(covariance, self.matched_pose, step, more)
 
     def _extend(self, here: Floats, cloud: PointCloud, number: int) -> None:
         """Match a key scan on the local map, and add it with its edge."""
         p, scans, placed = self.parameters, self.map, self._placed
         newest, before, step = len(scans) - 1, self.matched_pose, relative(placed.at, here)
-        guess = compose(before, self.model.corrected(step))
+        guess = compose(before, self.front.model.corrected(step))
         start = newest
         if placed.on is not None:  # the map was fixed for a time
             start, self._part.begin, self._part.continues = placed.on[0], newest + 1, True
         chain = self._chain(guess)
-        match, prior = self._matched(chain, cloud, guess, step)
+        match, prior = self.front.matched(self._local_map(chain), cloud, guess, step)
         placed.inliers = match.inliers
-        share = self._share(match)
         self.evidence.weak += match.inliers < p.match_weak
-        information = share * match.information + prior.information
-        if match.inliers >= p.match_good:
-            sure = np.linalg.eigvalsh(match.information[:2, :2])[0] > 4.0 * prior.position**-2
-            if sure:
-                self.model.learn(step, relative(before, match.pose))
+        information = self.front.information(match) + prior.information
         moved = relative(before, match.pose)
+        self.front.learn(match, prior, step, moved)
         alone = np.asarray(np.linalg.inv(information), dtype=np.float64)
         placed.covariance = self._moved(placed.covariance, moved, alone)
         placed.near = self._nearer(moved, prior, match)
@@ -329,9 +302,9 @@ class Slam:
         """Match a scan on the map without adding it."""
         scans, placed, before = self.map, self._placed, self.matched_pose
         step = relative(placed.at, here)
-        guess = compose(before, self.model.corrected(step))
+        guess = compose(before, self.front.model.corrected(step))
         around = scans.nearest(guess, self.parameters.scan_buffer_size)
-        match, prior = self._matched(around, cloud, guess, step)
+        match, prior = self.front.matched(self._local_map(around), cloud, guess, step)
         placed.inliers = match.inliers
         placed.near = placed.covariance = self._nearer(relative(before, match.pose), prior, match)
         placed.at, placed.on = here, (around[0], relative(scans.poses[around[0]], match.pose))
@@ -340,14 +313,8 @@ class Slam:
     def _nearer(self, moved: Floats, prior: Prior, match: Match) -> Floats:
         """The covariance on the map near the robot, after a step that ends in a match."""
         predicted = self._moved(self._placed.near, moved, prior.covariance)
-        information = np.linalg.inv(predicted) + self._share(match) * match.information
+        information = np.linalg.inv(predicted) + self.front.information(match)
         return np.asarray(np.linalg.inv(information), dtype=np.float64)
-
-    def _share(self, match: Match) -> float:
-        """How far the information of a match counts."""
-        p = self.parameters
-        good = (p.match_good - match.inliers) / (p.match_good - p.match_weak)
-        return float(p.match_weak_information ** min(1.0, max(0.0, good)))
 
     def _chain(self, guess: Floats) -> list[int]:
         """The key scans of the local map."""
@@ -358,40 +325,12 @@ class Slam:
         more = max(0, size - len(recent))
         return [k for k in self.map.nearest(guess, size) if k < begin][:more] + recent
 
-    def _matched(
-        self, chain: Sequence[int], cloud: PointCloud, guess: Floats, step: Floats
-    ) -> tuple[Match, Prior]:
-        """The match on some key scans: in a small window, then in the full one if it fits badly."""
-        p, prior = self.parameters, self.model.prior(step)
-        reach = float(np.hypot(*cloud.points.T).max()) + 1.5
-        likelihood = LikelihoodField(self._local_map(chain), guess[:2], reach, p.matcher)
-        found = self._search(likelihood, cloud, guess, prior)
-        wide = self.model.prior(step, factors=(1.0, 1.0))
-        if found.inliers < p.match_good and wide != prior:
-            other = self._search(likelihood, cloud, guess, wide)
-            if other.inliers > found.inliers + 0.05:
-                return other, wide
-        return found, prior
-
     def _local_map(self, chain: Sequence[int]) -> PointCloud:
         """The clouds of some key scans in the world; most are known from the scan before."""
         known = self._part.in_world
         self._part.in_world = {k: known.get(k) or self.map.drawn([k]) for k in chain}
         points, normals = zip(*self._part.in_world.values(), strict=True)
         return PointCloud(np.concatenate(points), np.concatenate(normals))
-
-    def _search(
-        self, likelihood: LikelihoodField, cloud: PointCloud, guess: Floats, prior: Prior
-    ) -> Match:
-        p, most = self.parameters, self.parameters.correlation_search_space_dimension
-        window = Window(
-            min(most, p.search_minimum + p.search_deviations * prior.position),
-            min(0.6, p.search_minimum_angle + p.search_deviations * prior.heading),
-        )
-        m = p.matcher
-        sample = voxel_filtered(cloud.points, m.voxel_filter_size, m.voxel_filter_points)
-        pose, _ = correlate(likelihood, sample, guess, window, prior)
-        return point_to_line(likelihood, cloud.points, pose, prior, guess)
 
     def _doubt(self, match: Match, cloud: PointCloud) -> None:
         """Begin a new part if the robot was carried: scans contradict the map."""
@@ -401,7 +340,14 @@ class Slam:
             return
         chain = range(max(part.begin, first - p.scan_buffer_size), first)
         since = range(first, newest)
-        contradicts = self._contradicts(chain, since, cloud) if chain else False
+        contradicts: bool | None = False
+        if chain:
+            of, origin = self.map.pairs, self._placed.origin
+            last = len(part.doubtful) == p.lost_scans - 1
+            pose = self.map.poses[-1]
+            contradicts = self.front.contradicts(
+                of(chain), of(since), pose, cloud, origin, last=last
+            )
         if contradicts:
             part.doubtful.append(newest)
         elif contradicts is False or newest - first >= 2 * p.lost_scans:
@@ -414,34 +360,6 @@ class Slam:
         graph.edges[at] = graph.edges[at]._replace(information=UNKNOWN)
         self._placed.covariance = self._placed.covariance + np.linalg.inv(UNKNOWN)
         self._part, self.closer.pending = Part(first), []
-
-    def _contradicts(
-        self, chain: Sequence[int], since: Sequence[int], cloud: PointCloud
-    ) -> bool | None:
-        """Whether the newest scan contradicts some key scans, False if it fits, None if neither.
-
-        It is placed where it fits best. Then it contradicts by the walls of the map that it looks
-        through, or by its points where the map is free, if those stand where the doubtful scans
-        before it have seen them: people move. It must contradict more than it fits, since moved
-        furniture changes only a part of a scan.
-        """
-        p, scans, pose, origin = self.parameters, self.map, self.map.poses[-1], self._placed.origin
-        near = scans.drawn(chain)
-        reach = float(np.hypot(*cloud.points.T).max()) + 1.5
-        likelihood = LikelihoodField(near, pose[:2], reach, p.matcher)
-        match = self._search(likelihood, cloud, pose, Prior(0.3, 0.3))
-        if match.inliers >= p.match_good:
-            return False
-        if match.inliers < p.match_weak and len(self._part.doubtful) == p.lost_scans - 1:
-            return True  # by now the robot may have left what the map shows
-        share = scans.through_walls(chain, near.points, match.pose, cloud, origin)
-        passed, met = scans.seen(chain, transformed(match.pose, cloud.points), origin)
-        known, empty = passed + met > 0, (passed >= 2) & (passed > 2 * met)
-        if since:
-            there = LikelihoodField(scans.drawn(since), pose[:2], reach, p.matcher)
-            empty &= there.near(transformed(pose, cloud.points))
-        share = max(share, share_of(empty, known, LEAST_POINTS))
-        return True if share > max(p.lost_share, match.inliers) else None
 
     def _begin_part(self, pose: Floats, here: Floats, cloud: PointCloud, number: int) -> None:
         """Begin a part of the map at a pose whose place on the others is unknown."""
@@ -587,7 +505,7 @@ class Slam:
         walls = voxel_filtered(points, p.relocation.resolution, len(points))
         yield GATHER_WORK * len(points)
         cloud, origin = scans.clouds[-1], self._placed.origin
-        through = scans.through_walls(chain, walls, pose, cloud, origin)
+        through = through_walls(scans.pairs(chain), walls, pose, cloud, origin)[0]
         proof.against = proof.against + 1 if through > p.lost_share else 0
         self.evidence.contradicted |= proof.against >= p.lost_scans
         yield LOOK_WORK * (len(walls) + WALLS * len(chain))
@@ -615,22 +533,7 @@ class Slam:
             if mine[edge.start] != mine[edge.end]:  # of information UNKNOWN
                 step = relative(poses[edge.start], poses[edge.end])
                 scans.graph.edges[k] = edge._replace(pose=step)
-        loops = []
-        for one in found:
-            step, turn = relative(poses[one.start], one.pose), rotation(poses[one.start, 2])
-            information = one.match.information / self.parameters.relocation.scans
-            moved = relative(scans.poses[one.end], one.pose)
-            loops.append(
-                Loop(
-                    one.start,
-                    one.end,
-                    step,
-                    turn.T @ information @ turn,
-                    one.score,
-                    one.match.inliers,
-                    hypot(moved[0], moved[1]),
-                )
-            )
+        loops = scans.loops_of(found, poses, self.parameters.relocation.scans)
         self._add_loops(loops)
         return poses, joined
 
@@ -667,14 +570,3 @@ class Slam:
             self.adopt(Moved(finished(self._optimising(self.map.poses))))
         finished(self._check())
         return grown
-
-
-def matched_points(
-    ranges: Floats, bearings: Floats, origin: tuple[float, float], max_range: float
-) -> PointCloud:
-    """The points of a scan that are matched: of dense rays every second, third, ... one."""
-    every = 1
-    if len(bearings) > 1 and bearings[0] != bearings[-1]:
-        step = abs(float(bearings[-1] - bearings[0])) / (len(bearings) - 1)
-        every = max(1, int(RAYS_APART / step))
-    return point_cloud(ranges[::every], bearings[::every], origin, max_range)

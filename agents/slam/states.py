@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armadico.agents.slam.poses import Floats
+from armadico.agents.methods.poses import Floats
+from armadico.agents.methods.scan_matching import PointCloud
 from armadico.agents.slam.relocation import Recognised, Relocator
-from armadico.agents.slam.scan_matching import PointCloud
 
 
 class Mode(Enum):

@@ -32,6 +32,8 @@ from armadico.agents.supervision.messages import (
 )
 from armadico.core import agent
 from armadico.core.agent import DeviceAgent, Question
+from armadico.core.mechanisms import mixed, mixture
+from armadico.core.membership import agent_of
 from armadico.core.messages import LABEL, Card, Message, MonitorReport, line
 from armadico.core.restart_policy import MISUSED, Budget, slower
 
@@ -228,6 +230,9 @@ class Wakeup(DeviceAgent):
         # Instances whose token is present: name, and the card once it is received.
         self._present: dict[str, tuple[str, Card | None]] = {}
         self._other_tables: set[str] = set()  # digests of host tables that were reported
+        # Of those that compete for something or own it, also before they appear here.
+        self._contending: dict[str, Card] = {}
+        self._mixed: dict[str, set[str]] = {}  # by resource: mechanisms that were reported
         self._shares: dict[str, HostShare] = {}  # of other hosts, by their wakeup agent
         self._half = b""  # incomplete last line
         self._load = 0.0
@@ -241,6 +246,9 @@ class Wakeup(DeviceAgent):
     # Other agents --------------------------------------------------------------------------------
 
     def on_start(self) -> None:
+        # That an instance ended before the start was not reported to this agent.
+        for gone in self._contending.keys() - self.kernel.living:
+            del self._contending[gone]
         self._shares_at = self.now + SHARES_S
         self._cut_at = inf if self.reachable else self.now
         self._linked_at = self.now
@@ -249,10 +257,12 @@ class Wakeup(DeviceAgent):
     def on_appeared(self, name: str, instance: str) -> None:
         self._present[instance] = (name, None)
         self._query_card(name, instance)
+        self._compare_mechanisms()
 
     def on_disappeared(self, name: str, instance: str) -> None:  # noqa: ARG002
         self._present.pop(instance, None)
         self._shares.pop(instance, None)
+        self._contending.pop(instance, None)
 
     def on_card(self, card: Card) -> None:
         if card.instance in self._present:
@@ -263,6 +273,24 @@ class Wakeup(DeviceAgent):
             self._other_tables.add(card.table)
             what = f"{card.host} has another host table ({card.table}) than {self.p.host} ({own})"
             self.log(f"{what}: copy one to all hosts, and start their agents again", agent.WARNING)
+        if card.resources or card.owns:
+            self._contending[card.instance] = card
+            self._compare_mechanisms()
+
+    def _compare_mechanisms(self) -> None:
+        """Say that agents of several hosts compete by different mechanisms.
+
+        Each host's command knows its own alone. On the owner's host the owner says it.
+        """
+        cards = [card for card in self._contending.values() if card.instance in self._present]
+        owned = {name for card in cards if card.host == self.p.host for name in card.owns}
+        hosts = {card.instance: card.host for card in cards}
+        for name, by in mixed(cards).items():
+            if name in owned or self._mixed.setdefault(name, set()).issuperset(by):
+                continue
+            self._mixed[name] |= by.keys()
+            sides = {each: [f"{one} on {hosts[one]}" for one in by[each]] for each in by}
+            self._order(Do.SAY, text=f"{mixture(name, sides)}; choose the same on each host")
 
     def on_router(self) -> None:
         """Restart every timeout that counts what other processes publish.
@@ -619,7 +647,7 @@ class Wakeup(DeviceAgent):
                 f" {self._received}",
             )
 
-        name = process.reporter.rpartition("-")[0]
+        name = agent_of(process.reporter)
         self.query_card(name, process.reporter, on_card, INQUIRY_S * slower(self._load))
 
     @property

@@ -17,7 +17,9 @@ from armadico.core.errors import UnknownNameError
 LABORATORY: Final = "armadico-tools"
 """The distribution of the development tools, which a robot's computer does not need."""
 
-TOOLS: Final = ("attacks", "bench", "experiment", "falsify", "faults", "model-check")
+TOOLS: Final = (
+    *("attacks", "bench", "campaign", "experiment", "falsify", "faults", "learn", "model-check"),
+)
 """The commands of `LABORATORY`."""
 
 GET: Final = "`make tools` in a checkout, or `pip install ./tools`"

@@ -35,6 +35,13 @@ class Options:
 def run(args: Options) -> int:
     with args.mesh.client() as client:
         replies = client.parameters(args.agent, args.timeout)
+        left = [each for each in client.named(args.agent) if each not in replies]
+        cards = client.cards() if left or not args.agent else {}
+    # Other programs need not know parameters.
+    silent = [each[0] for each in left if (card := cards.get(each)) is None or card.ours]
+    if not args.agent:
+        silent += args.mesh.lacks(cards)
+    code = options.answered(silent, "parameters")
     rows = [
         (name, instance, row)
         for (name, instance), reply in replies.items()
@@ -42,15 +49,17 @@ def run(args: Options) -> int:
         if args.name in (None, row.name)
     ]
     if args.name is not None and not rows:
+        if code:
+            return code
         raise options.FailedError(_unknown(args.agent, args.name, replies))
     if args.json:
         print(json.dumps([plain(*row) for row in rows], indent=2))
     elif args.name is not None:
         for _, _, row in rows:
             print(shown(row.json))
-    else:
+    elif rows or not code:
         show(rows)
-    return 0
+    return code
 
 
 def plain(agent: str, instance: str, row: Parameter) -> dict[str, object]:
@@ -93,8 +102,6 @@ def _unknown(agent: str, name: str, replies: Mapping[tuple[str, str], Parameters
     from armadico.core.config_errors import advice
 
     known = {row.name for reply in replies.values() for row in reply.parameters}
-    if not replies:
-        return f"{agent} does not answer"
     return f"{agent}: no parameter {name!r} that can be changed; {advice(name, known)}"
 
 
@@ -103,6 +110,6 @@ main: Final = Command(
     Options,
     run,
     "Show the parameters that can be changed while an agent runs: their values and ranges."
-    " `armadico set` changes them.",
+    " `armadico set` changes them. The exit code is 3 if an agent did not answer.",
     EXAMPLES,
 )

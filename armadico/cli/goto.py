@@ -11,7 +11,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
-from armadico.cli.parsing import BadValueError, Command, argument, flag, group, option
+from armadico.cli.parsing import (
+    BadValueError,
+    Command,
+    UsageError,
+    argument,
+    flag,
+    group,
+    option,
+)
 from armadico.core.judgement import Answer
 from armadico.core.unseen import Rule
 from armadico.launch.options import unseen_option
@@ -47,9 +55,14 @@ EXAMPLES: Final = """\
   armadico goto 4 2 90             x 4 m, y 2 m, heading 90 degrees, along a planned path
   armadico goto 4 2                the same place, with the heading of a straight line to it
   armadico goto -1 0.5 -90
+  armadico goto kitchen            a room, goal or dock of the map, or an added place
   armadico goto 4 2 90 --direct    straight there, without a plan
   armadico goto 4 2 90 --from 1 1 0   the robot is at x 1 m, y 1 m, heading 0 now
 """
+
+
+Goal = tuple[float, float, float | None]
+"""m, m, rad; None: in the direction from the robot to it."""
 
 
 def _number(text: str) -> float:
@@ -73,13 +86,11 @@ def _metres(text: str) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    x: float = argument("x in the world frame, m", read=_metres, metavar="X")
-    y: float = argument("y in the world frame, m", read=_metres, metavar="Y")
-    heading: float | None = argument(
-        "heading in degrees, counter-clockwise (default: from the robot's position towards X Y)",
-        read=_number,
-        nargs="?",
-        metavar="DEG",
+    to: tuple[str, ...] = argument(
+        "X Y [DEG], m in the world frame and a heading in degrees, counter-clockwise (default: from"
+        " the robot's position towards X Y); or the name of a place: see `armadico places`",
+        nargs="+",
+        metavar="GOAL",
     )
     direct: bool = flag("drive straight there, without a plan")
     start: tuple[float, float, float] | None = option(
@@ -90,6 +101,10 @@ class Options:
     )
     unseen: Rule | None = unseen_option("the society's")
     timeout: float | None = options.timeout_option("wait at most so long (default: no limit)")
+    world: str | None = option(
+        "the world that the place is in (default: that of the society that runs here)",
+        metavar="MAP",
+    )
     mesh: options.Mesh = group(options.Mesh, "the mesh")
 
 
@@ -98,11 +113,12 @@ def run(args: Options) -> int:
     from armadico.mobile.messages import through_unseen
     from armadico.runtime.errors import AbsentError
 
+    to = goal(args)
     mission = None
     try:
         with args.mesh.joined(JOINS_S) as mesh, ExitStack() as stack:
             client, reason = Client(mesh), Reason(mesh, args.mesh.demand())
-            mission = _sent(client, args)
+            mission = _sent(client, args, to)
             if through := through_unseen(mission.unseen):
                 print(f"{through}: driven at the speed of sight", flush=True)
             show = _shower(stack, mission.length)
@@ -129,6 +145,24 @@ def run(args: Options) -> int:
     return options.UNKNOWN if doubt else 0
 
 
+def goal(args: Options) -> Goal:
+    """The goal of the words. Raises UsageError, ConfigError."""
+    from armadico.config.named import like_number
+
+    first, *more = args.to
+    if not like_number(first):
+        place = options.known_gazetteer(args.world, args.mesh.namespace).of(" ".join(args.to))
+        return place.x, place.y, place.heading
+    if len(more) not in (1, 2):
+        words = " ".join(args.to)
+        raise UsageError(f"{words}: expected X Y [DEG], or the name of a place")
+    try:
+        x, y = _metres(first), _metres(more[0])
+        return x, y, math.radians(_number(more[1])) if more[1:] else None
+    except BadValueError as error:
+        raise UsageError(str(error)) from None
+
+
 class Reason:
     """Why the robot stands still and what else is wrong, by the diagnosis of all commands."""
 
@@ -152,39 +186,44 @@ def remark(findings: Sequence[Finding]) -> str:
     return options.shown(f"{wrong[0]}{more}")
 
 
-def _sent(client: Client, args: Options) -> Mission:
+def _sent(client: Client, args: Options, to: Goal) -> Mission:
     """The accepted mission; waits for a society that is still starting. Raises SocietyError."""
     from armadico.mobile.messages import Pose
     from armadico.runtime.errors import AbsentError, MissionRefusedError
 
     client.listen(Pose)
-    heading = None if args.heading is None else math.radians(args.heading)
     start = args.start and (*args.start[:2], math.radians(args.start[2]))
     end, said = time.monotonic() + min(args.timeout or STARTS_S, STARTS_S), ""
+    ready: bool | None = False
     while True:
         try:
             return client.goto(
-                args.x, args.y, heading, direct=args.direct, start=start, unseen=args.unseen
+                *to, direct=args.direct, start=start, unseen=args.unseen, by="armadico goto"
             )
         except (AbsentError, MissionRefusedError) as error:
-            if time.monotonic() >= end or not (client.alive and _starts(client, args)):
+            was_ready, ready = ready, _ready(client, args, to)
+            # What was missing may have come since the refusal: one more try shows it.
+            if time.monotonic() >= end or not client.alive or ready is None or was_ready:
                 raise
-            if said != (said := options.shown(error.args[0])):
+            if not ready and said != (said := options.shown(error.args[0])):
                 refused = isinstance(error, MissionRefusedError)
                 what = "the goal is refused" if refused else "waiting for the society to start"
                 options.report(f"{what}: {said}{'; asking again' if refused else ''}")
             client.wait_for(lambda: None, AGAIN_S)
 
 
-def _starts(client: Client, args: Options) -> bool:
-    """Whether agents that are still starting may explain a refusal: no pose, or no planner."""
-    from armadico.mobile.messages import PlanRequest, Pose, Waypoint
+def _ready(client: Client, args: Options, to: Goal) -> bool | None:
+    """Whether there are a pose and a planner now; None: the planner refuses the goal."""
+    from armadico.mobile.messages import Plan, PlanRequest, Pose, Waypoint
 
     pose = client.fresh(Pose)
     if pose is None or args.direct:
-        return pose is None
-    here, goal = Waypoint(pose.x, pose.y, pose.theta), Waypoint(args.x, args.y, 0.0)
-    return client.query(PlanRequest(here, goal), PLANS_S, patience=0.0) is None
+        return pose is not None
+    here, goal = Waypoint(pose.x, pose.y, pose.theta), Waypoint(to[0], to[1], 0.0)
+    plan = client.query(PlanRequest(here, goal), PLANS_S, patience=0.0)
+    if isinstance(plan, Plan) and plan.refusal:
+        return None
+    return plan is not None
 
 
 def _late(mission: Mission) -> str:
@@ -258,7 +297,7 @@ main: Final = Command(
     "armadico goto",
     Options,
     run,
-    "Send the robot to a pose in the world frame and wait until it arrives. Ctrl-C ends the"
+    "Send the robot to a pose or a named place and wait until it arrives. Ctrl-C ends the"
     " command, not the drive.",
     EXAMPLES,
 )

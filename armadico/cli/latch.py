@@ -61,6 +61,7 @@ def latch(args: Options, *, stopped: bool, code: str | None = None) -> int:
             f" {REPAIR}"
         ) from None
     from armadico.launch.client import Client
+    from armadico.mesh.sockets import guard_now
     from armadico.runtime.errors import AbsentError
 
     with mesh:
@@ -77,11 +78,13 @@ def latch(args: Options, *, stopped: bool, code: str | None = None) -> int:
             else:
                 client.resume(args.timeout, by="armadico resume", code=code)
         except AbsentError:
-            if guard is not None:
+            if told is not None and not told.latched:
+                guard = guard_now(args.mesh.namespace) or guard  # a busy one answers late
+            if guard is not None and guard.word == "holds":
                 raise options.UnknownError(
-                    f"the robot agent (process {guard.agent}) has not confirmed the stop: it hangs,"
-                    f" or its computer is overloaded. The guard holds the stop until it has."
-                    f" {REPAIR}"
+                    f"{guard.did}; the robot agent (process {guard.agent}) has not confirmed the"
+                    f" stop: it hangs, or its computer is overloaded. The guard holds the stop"
+                    f" until it has. {REPAIR}"
                 ) from None
             if told is not None and told.pid is not None:
                 done = "has latched the stop, and" if told.latched else "was told to stop, and"

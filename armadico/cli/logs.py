@@ -70,8 +70,8 @@ def _follow(args: Options) -> int:
 
 
 def _show(args: Options, item: Received) -> None:
+    from armadico.core.membership import agent_of
     from armadico.core.messages import Log
-    from armadico.observe.view import agent_of
     from armadico.observe.watching import read_or_none
 
     instance = item.key.partition("/")[2]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
-from armadico.cli.parsing import Command, argument, group
+from armadico.cli.options import UsageError
+from armadico.cli.parsing import Command, argument, group, option
 
 if TYPE_CHECKING:
     from armadico.config.graph_file import SavedGraph
@@ -26,13 +28,22 @@ EXAMPLES: Final = """\
   armadico map save house.yaml --namespace robot2
   armadico map load house.yaml     the agent slam finds the robot on it and goes on with it
   armadico set slam mapping=false  localize on the map and add nothing to it
+  armadico map join monday.yaml tuesday.yaml -o house.yaml --picture changes.png
 """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    what: str = argument("the action", choices=("save", "load"))
-    file: Path = argument("the file; its name ends in .yaml or, to save, .map", metavar="FILE")
+    what: str = argument("the action", choices=("save", "load", "join"))
+    files: tuple[Path, ...] = argument(
+        "the file; its name ends in .yaml or, to save, .map. To join: two maps, the earlier first",
+        nargs="+",
+        metavar="FILE",
+    )
+    output: Path | None = option(
+        "write the map that two were joined to", "-o", "--output", metavar="FILE"
+    )
+    picture: Path | None = option("draw what is new and what is gone on it", metavar="FILE.png")
     mesh: options.Mesh = group(options.Mesh, "the mesh")
 
 
@@ -40,12 +51,27 @@ def run(args: Options) -> int:
     from armadico.config import graph_file
     from armadico.config.grid_map import check_suffix
 
-    check_suffix(args.file)
+    if args.what == "join":
+        return _join(args)
+    if len(args.files) != 1 or args.output is not None or args.picture is not None:
+        raise UsageError(f"{args.what}: expected one file, without -o and --picture")
+    (file,) = args.files
+    check_suffix(file)
     if args.what == "load":
-        graph = graph_file.of_map(args.file)
+        graph = graph_file.of_map(file)
     with args.mesh.client() as client:
-        print(save(client, args.file) if args.what == "save" else load(client, graph, args.file))
+        print(save(client, file) if args.what == "save" else load(client, graph, file))
     return 0
+
+
+def _join(args: Options) -> int:
+    """Join two maps by the installed package that can; the exit code."""
+    from armadico.core.discovery import MAPS, find
+
+    if len(args.files) != 2 or args.output is None:
+        raise UsageError("join: expected two maps and -o FILE, as in A.yaml B.yaml -o BOTH.yaml")
+    join: Callable[[Path, Path, Path, Path | None], int] = find(MAPS, "join").load()
+    return join(*args.files, args.output, args.picture)
 
 
 def save(client: Client, file: Path) -> str:
@@ -70,7 +96,7 @@ def save(client: Client, file: Path) -> str:
         more, apart = {}, 0 if graph is None else int((~graph.main).sum())
         replaced = file.suffix != ".map" and beside.exists()
         if apart and replaced:
-            kept, file = file, file.with_stem(f"{file.stem}-apart")
+            kept, file = file, options.apart(file)
             beside = graph_file.beside(file)
         if graph is not None and file.suffix != ".map":
             more[beside] = graph_file.encode(graph)
@@ -144,7 +170,8 @@ main: Final = Command(
     "armadico map",
     Options,
     run,
-    "Save the map that the robot makes, or have the agent slam continue a saved one. `armadico"
+    "Save the map that the robot makes, have the agent slam continue a saved one, or join two maps"
+    " of one building, if they are proved to be. `armadico"
     " explore --resume` continues from a .yaml; `armadico run --world` drives in either. A map by"
     " SLAM has a third file, FILE.graph.npz, with its scans; to continue, it must be there.",
     EXAMPLES,

@@ -10,6 +10,7 @@ from armadico.cli import options
 from armadico.cli.additions import Addition, Start
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import option
+from armadico.core.config_errors import ConfigError
 from armadico.runtime.errors import AbsentError, SocietyError
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ class MapFile(Addition):
         try:
             run.client.stop(by="armadico explore")
             self._keep(self.map, run.client)
-        except (SocietyError, FailedError) as error:
+        except (SocietyError, FailedError, ConfigError) as error:
             options.report(f"the map is not saved: {error}")
 
     @staticmethod
@@ -55,6 +56,11 @@ class MapFile(Addition):
         from armadico.cli.map import save
 
         try:
-            options.report(save(client, path))
+            try:
+                options.report(save(client, path))
+            except ConfigError as error:  # another process reads it, and the robot ends now
+                beside = options.apart(path)
+                options.report(f"{error}; the map is written beside it, as {beside}")
+                options.report(save(client, beside))
         except AbsentError as error:
             raise FailedError(f"{path} is not written: {error}") from None

@@ -11,7 +11,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
@@ -48,7 +48,9 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from armadico.config.endpoints import Endpoints
+    from armadico.config.named import Gazetteer
     from armadico.config.worlds import World
+    from armadico.core.messages import Card
     from armadico.launch.client import Client
     from armadico.mesh.zenoh import ZenohMesh
     from armadico.observe.findings import Demand
@@ -201,6 +203,17 @@ class Mesh:
         report(f"another society is in namespace {DEFAULT_NAMESPACE!r}: this one is in {free!r}")
         return self.of(free)
 
+    def lacks(self, cards: Mapping[tuple[str, str], Card | None]) -> list[str]:
+        """The agents that should be alive, by `demand`, and are not. Raises ConfigError.
+
+        `cards` has those of the live agents, by (name, instance); None: no answer.
+        """
+        from armadico.observe.diagnosis import hosts_of
+        from armadico.observe.view import View
+
+        hosts = hosts_of(View.of(cards), self.demand(), 0.0)
+        return [agent for host in hosts for agent in host.lacks]
+
     def demand(self) -> Demand:
         """What the society should be, by the host table and what `armadico up` started here.
 
@@ -283,6 +296,18 @@ def absent(mesh: ZenohMesh, waited: float, what: str) -> SocietyError | FailedEr
     return FailedError(what if waited > REPORT_S else mesh.missing)
 
 
+def answered(silent: Iterable[str], what: str) -> int:
+    """The exit code of a command that asked agents; `UNKNOWN` if some did not answer.
+
+    What they would have answered is missing in the output, and is reported as unknown.
+    """
+    names = ", ".join(map(shown, dict.fromkeys(silent)))
+    if not names:
+        return 0
+    report(f"armadico: {what} of {names}: unknown, no answer; `armadico doctor` tells more")
+    return UNKNOWN
+
+
 # Options of several commands ----------------------------------------------------------------------
 
 
@@ -337,10 +362,10 @@ def _say(program: str, error: Exception, code: int) -> int:
     return code
 
 
-def need(module: str, extra: str) -> None:
+def need(module: str, extra: str, *, of: str = "armadico") -> None:
     """Raises FailedError with what to install, if the module of an extra is missing."""
     if find_spec(module) is None:
-        raise FailedError(f"{module} is not installed: pip install 'armadico[{extra}]'")
+        raise FailedError(f"{module} is not installed: pip install '{of}[{extra}]'")
 
 
 def check_map(path: Path) -> None:
@@ -354,6 +379,11 @@ def check_map(path: Path) -> None:
         check_writable(path)
     except OSError as error:
         raise FailedError(f"cannot write {path}: {error.strerror}") from None
+
+
+def apart(path: Path) -> Path:
+    """Where a map is written that must not replace the one at a path."""
+    return path.with_stem(f"{path.stem}-apart")
 
 
 def end_as_by_ctrl_c() -> None:
@@ -386,3 +416,29 @@ def fits(table: Table, console: Console) -> bool:
 def shown(value: object) -> str:
     """A text from the mesh that is safe on a terminal: one line without control characters."""
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in str(value))
+
+
+def gazetteer(world: str | None, namespace: str) -> Gazetteer | None:
+    """The named places of `--world`, else of the world of what `armadico up` runs here.
+
+    None: neither names a world. Raises ConfigError.
+    """
+    from armadico.config.named import DEFAULT_ROBOT, Gazetteer
+    from armadico.launch.pidfile import shares
+
+    with suppress(TopologyError):  # no folder for sockets: nothing was started here
+        share = next((each for each in shares(namespace) if each.world), None)
+        if share is not None and world in (None, share.world):
+            return Gazetteer(share.world, share.robot or DEFAULT_ROBOT)
+    return None if world is None else Gazetteer(world)
+
+
+def known_gazetteer(world: str | None, namespace: str) -> Gazetteer:
+    """The same. Raises UsageError without a world."""
+    found = gazetteer(world, namespace)
+    if found is None:
+        raise UsageError(
+            "names of places need the robot's world: give --world MAP (nothing that `armadico up`"
+            f" started here as {namespace!r} names one)"
+        )
+    return found

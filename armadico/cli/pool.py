@@ -1,7 +1,7 @@
 """Run a function over many items in processes on all cores, with a progress bar.
 
-On Ctrl-C, finished items have been handed over and running ones are discarded. If this process is
-killed, its workers end.
+The processes are this computer's (`Local`), or whatever else is a `Pool`. On Ctrl-C, finished items
+have been handed over and running ones are discarded. If this process is killed, its workers end.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from multiprocessing import get_context
-from typing import Final, TypeVar
+from typing import Final, Protocol, TypeVar
 
-from armadico.child import tie
+from armadico.child import collect_seldom, tie
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -26,48 +26,85 @@ LINE_S: Final = 5.0
 
 SAFE_PATH: Final = "PYTHONSAFEPATH"
 
+Results = Generator[tuple[int, R], None, None]
+"""Results with the indices of their items, as they become known."""
+
+
+class Pool(Protocol):
+    """Processes that apply functions to items."""
+
+    def results(self, function: Callable[[T], R], items: Sequence[T]) -> Results[R]:
+        """Yield the index of each item with its result, as soon as it is known.
+
+        `function` must be importable from a module. A closed iterator ends its work. Raises
+        BrokenExecutor if processes are lost, and what the function raises.
+        """
+
 
 def over(
     function: Callable[[T], R],
     items: Sequence[T],
-    jobs: int,
+    where: int | Pool,
     label: str,
     done: Callable[[T, R], None] | None = None,
 ) -> list[R]:
     """The results in the order of the items; `done` is called with each finished item.
 
-    One job runs in this process. With more, `function` must be importable from a module.
+    `where` is a pool, or a number of processes on this computer.
     """
     results: list[R | None] = [None] * len(items)
-    if not items:
-        return []
-    with progress(label, len(items)) as step, _safe_path():
-        for index, result in _results(function, items, min(jobs, len(items))):
+    with closing(each(function, items, where, label)) as found:
+        for index, result in found:
             results[index] = result
             if done is not None:
                 done(items[index], result)
-            step()
     return results  # type: ignore[return-value]
 
 
-def _results(function: Callable[[T], R], items: Sequence[T], jobs: int) -> Iterator[tuple[int, R]]:
-    if jobs <= 1:
-        yield from ((index, function(item)) for index, item in enumerate(items))
+def each(
+    function: Callable[[T], R], items: Sequence[T], where: int | Pool, label: str
+) -> Results[R]:
+    """As `Pool.results`, with a progress bar."""
+    if not items:
         return
-    pool = ProcessPoolExecutor(jobs, get_context("spawn"), _begin, (os.getpid(),))
-    waiting = iter(enumerate(items))
-    running: dict[Future[R], int] = {}
-    try:
-        while True:
-            # No more than there are workers: submitted items cannot be cancelled on Ctrl-C.
-            while len(running) < jobs and (item := next(waiting, None)) is not None:
-                running[pool.submit(function, item[1])] = item[0]
-            if not running:
-                break
-            finished, _ = wait(running, return_when=FIRST_COMPLETED)
-            yield from ((running.pop(future), future.result()) for future in finished)
-    finally:
-        pool.shutdown(cancel_futures=True)
+    pool = Local(where) if isinstance(where, int) else where
+    with progress(label, len(items)) as step, closing(pool.results(function, items)) as found:
+        for index, result in found:
+            yield index, result
+            step()
+
+
+class Local:
+    """Processes of this computer; a single one is this process."""
+
+    def __init__(self, jobs: int) -> None:
+        self.jobs = jobs
+
+    def results(self, function: Callable[[T], R], items: Sequence[T]) -> Results[R]:
+        """See `Pool`."""
+        jobs = min(self.jobs, len(items))
+        if jobs <= 1:
+            yield from ((index, function(item)) for index, item in enumerate(items))
+            return
+        with _safe_path():
+            yield from self._in_processes(function, items, jobs)
+
+    @staticmethod
+    def _in_processes(function: Callable[[T], R], items: Sequence[T], jobs: int) -> Results[R]:
+        pool = ProcessPoolExecutor(jobs, get_context("spawn"), _begin, (os.getpid(),))
+        waiting = iter(enumerate(items))
+        running: dict[Future[R], int] = {}
+        try:
+            while True:
+                # No more than there are workers: submitted items cannot be cancelled on Ctrl-C.
+                while len(running) < jobs and (item := next(waiting, None)) is not None:
+                    running[pool.submit(function, item[1])] = item[0]
+                if not running:
+                    break
+                finished, _ = wait(running, return_when=FIRST_COMPLETED)
+                yield from ((running.pop(future), future.result()) for future in finished)
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def _begin(parent: int) -> None:
@@ -75,6 +112,7 @@ def _begin(parent: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if not tie(parent, signal.SIGTERM):
         os._exit(1)
+    collect_seldom()
 
 
 @contextmanager

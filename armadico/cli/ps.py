@@ -62,7 +62,7 @@ def run(args: Options) -> int:
         demand = replace(demand, hosts={host: demand.hosts.get(host, ())})
     findings: Sequence[Finding] = ()
     mesh = where.mesh(starts=True)
-    from armadico.observe.diagnosis import hosts_of
+    from armadico.observe.diagnosis import OF_HOSTS, hosts_of
     from armadico.observe.view import View
     from armadico.observe.watching import Observer
 
@@ -71,7 +71,9 @@ def run(args: Options) -> int:
         missing = "" if mesh.wait_joined(0.0) else mesh.missing
         if not missing:
             observer = Observer(mesh, demand, view)
-            findings = observer.settle(most_s=args.timeout)
+            # A host's state alone needs no rates, which take longer to be known.
+            of = OF_HOSTS if host is not None and not args.json else None
+            findings = observer.settle(most_s=args.timeout, of=of)
             now = observer.now
     hosts = [each for each in hosts_of(view, demand, now) if host in (None, each.name)]
     if args.json:

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from armadico.cli import options, progress
+from armadico.cli import coordinations, options, progress
 from armadico.cli.additions import (
     Addition,
     Start,
@@ -85,6 +85,8 @@ def run(args: Options) -> int:
 
     Returns `options.UNKNOWN` if that is not known.
     """
+    if args.coordination == coordinations.LIST:
+        return coordinations.show()
     with answering(args):
         scenario, chosen = choose(args)
         if scenario.tasks:

@@ -38,6 +38,7 @@ class Options:
 def run(args: Options) -> int:
     values = dict(map(_read, args.values))
     from armadico.config.parameters import SAVED, save
+    from armadico.core.membership import agent_of
 
     with args.mesh.client() as client:
         reply = client.change(args.agent, values, by="armadico set", timeout=args.timeout)
@@ -48,7 +49,7 @@ def run(args: Options) -> int:
         print(f"{reply.instance}: {name} = {shown(row.json)}{options.shown(unit)}")
     if args.save or args.file is not None:
         path = args.file or Path(SAVED)
-        save(path, reply.instance.rpartition("-")[0], {n: json.loads(rows[n].json) for n in values})
+        save(path, agent_of(reply.instance), {n: json.loads(rows[n].json) for n in values})
         print(f"saved; start with it by `--parameters {path}` of `up` or `run`")
     return 0
 

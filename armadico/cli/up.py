@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from armadico.cli import options
+from armadico.cli import coordinations, options
 from armadico.cli.additions import Addition, Start, added, beside, checked
 from armadico.cli.options import FailedError, Mesh, UsageError
 from armadico.cli.parsing import (
@@ -29,7 +29,13 @@ from armadico.cli.parsing import (
 from armadico.config.endpoints import Endpoints
 from armadico.core.errors import UnknownNameError
 from armadico.core.unseen import Rule
-from armadico.launch.options import X_Y_DEG, set_option, unseen_option
+from armadico.launch.options import (
+    X_Y_DEG,
+    coordination_option,
+    set_option,
+    told_option,
+    unseen_option,
+)
 from armadico.mesh.door import launcher
 from armadico.mobile.geometry import Pose2
 
@@ -65,6 +71,8 @@ class Options:
     )
     parameters: str | None = option("use this set or file of agents' parameters", metavar="SET")
     sets: tuple[str, ...] = set_option()
+    coordination: str | None = coordination_option()
+    told: str | None = told_option()
     more: tuple[str, ...] = several(
         "start one more agent, also if another host runs it; may be repeated",
         "--with",
@@ -99,6 +107,8 @@ def run(args: Options) -> int:
     """Keep the share up until interrupted. Return 0 after SIGTERM (`armadico down`)."""
     from armadico.core.restart_policy import Budget
 
+    if args.coordination == coordinations.LIST:
+        return coordinations.show()
     scenario = _started(args, _scenario(args))
     where = _place(args.mesh, scenario)
     start = Start(scenario=scenario, mesh=args.mesh, namespaces=(where.namespace,))
@@ -108,7 +118,7 @@ def run(args: Options) -> int:
         _check_keys(plan, where)
         budget = Budget(args.restarts, args.within)
         try:
-            _keep(plan, where, budget, beside(args.additions, start))
+            _keep(plan, where, scenario, budget, beside(args.additions, start))
         except KeyboardInterrupt:
             if signal.SIGTERM in received:
                 return 0
@@ -199,15 +209,21 @@ def _is_mission(name: str) -> bool:
 
 
 def _keep(
-    plan: Plan, where: Endpoints, budget: Budget, company: AbstractContextManager[None]
+    plan: Plan,
+    where: Endpoints,
+    scenario: Scenario | None,
+    budget: Budget,
+    company: AbstractContextManager[None],
 ) -> None:
     """Start the agents of a plan, with `company` beside them, and keep them running."""
+    from armadico.config.shipped import counted_from
     from armadico.core.discovery import owners
     from armadico.core.resources import WHEELS
     from armadico.launch.pidfile import PidFile, Share, TakenError
     from armadico.launch.supervisor import Upkeep
     from armadico.runtime.errors import RunFailedError
 
+    here = Path.cwd() / "command line"
     has_robot = any(owners((member.name for member in plan.members), WHEELS))
     mesh = where.mesh(launcher(plan.host), starts=has_robot)
     names = ", ".join(member.name for member in plan.members)
@@ -227,6 +243,8 @@ def _keep(
                     running,
                     str(upkeep.table.logs),
                     "" if where.table is None else where.table.open_port,
+                    "" if scenario is None else counted_from(here, scenario.world),
+                    "" if scenario is None else counted_from(here, scenario.robot),
                 )
             )
             _log(f"{plan.host}: starting {names}; logs are in {upkeep.table.logs}")
@@ -252,7 +270,19 @@ def _plan(args: Options, where: Endpoints, scenario: Scenario | None) -> Plan:
     from armadico.core.discovery import owners
     from armadico.core.resources import WHEELS
     from armadico.launch.society import Options as Chosen
-    from armadico.launch.society import check, names, needed, share, spare, with_sets
+    from armadico.launch.society import (
+        arbiters,
+        check,
+        check_decided,
+        names,
+        needed,
+        rivals_elsewhere,
+        share,
+        spare,
+        strangers,
+        with_arbiters,
+        with_sets,
+    )
     from armadico.launch.supervisor import Plan
 
     assert where.table is not None, "an agent is on a host of one"
@@ -268,13 +298,28 @@ def _plan(args: Options, where: Endpoints, scenario: Scenario | None) -> Plan:
         parameters=args.parameters,
         without=args.without,
         namespace=where.namespace,
+        coordination=args.coordination,
+        told=args.told,
     )
-    _check_more(args, [member.name for member in share(scenario, chosen, host)])
-    members = with_sets(share(scenario, chosen, host, args.more), args.sets)
+    if scenario is not None:
+        scenario = with_arbiters(scenario, chosen, where.table)
+    here = [member.name for member in share(scenario, chosen, host)]
+    _check_more(args, here)
+    more = (*args.more, *arbiters(scenario, chosen, (*here, *args.more), where.table))
+    members = with_sets(share(scenario, chosen, host, more), args.sets)
     if not members:
         raise UsageError(f"host {own} has no agent of {args.scenario or 'the table'} to start")
-    if args.sets or args.parameters is not None:  # else there is nothing to check
+    if any((args.sets, args.parameters, args.coordination)):  # else there is nothing to check
         check(members)
+        others = rivals_elsewhere(scenario, chosen, own, where.table)
+        check_decided(members, chosen, whole=not others)
+        if others and any("social.coordination=" in each for m in members for each in m.sets):
+            _log(
+                f"{own}: not checked until they are alive: whether the agents of other hosts"
+                f" compete by the same mechanisms ({', '.join(others)}); choose the same ones there"
+            )
+        for error in strangers(members):
+            _log(f"{own}: {error}")
     robot = next(owners((member.name for member in members), WHEELS), None)
     if args.robot is not None and robot is None:
         raise UsageError(f"--robot {args.robot}: host {own} starts no robot agent")

@@ -6,6 +6,7 @@ A NumPy archive (`.npz`) beside the map's `.yaml` and `.pgm`, without pickle:
 | --- | --- |
 | `version` | of this format |
 | `poses`, `way`, `part` | of the n key scans: m, m, rad; m driven; the part of the map |
+| `session` | of each key scan, from 0, the oldest; without this array there is one session |
 | `edge_ends`, `edge_pose`, `edge_information` | of the pose graph; upper triangle by rows |
 | `edge_loop`, `edge_weight` | 1: a loop; weight after the newest optimisation |
 | `weak` | key scans that fitted badly |
@@ -63,6 +64,7 @@ ARRAYS: Final[Mapping[str, tuple[str, int | None]]] = {
     "poses": ("<f8", 3),
     "way": ("<f8", None),
     "part": ("<u4", None),
+    "session": ("<u4", None),
     "edge_ends": ("<u4", 2),
     "edge_pose": ("<f8", 3),
     "edge_information": ("<f4", 6),
@@ -79,6 +81,9 @@ ARRAYS: Final[Mapping[str, tuple[str, int | None]]] = {
     "body": ("<f4", None),
 }
 """Type and columns of each array; 0: a number, None: one dimension."""
+
+NEWER: Final = {"session": "part"}
+"""Arrays that older files lack, which are zeros then, as many as another one has numbers."""
 
 
 Footprint = tuple[float, float, float]
@@ -109,17 +114,36 @@ class SavedGraph:
     weak: int
     scans: list[DrawnScan]
     body: Footprint | None
+    session: Indices  # (n,) from 0, the oldest
 
     @property
     def main(self) -> NDArray[np.bool_]:
-        """(n,) which key scans are of the largest part: of equal ones, the oldest."""
-        return np.asarray(self.part == np.argmax(np.bincount(self.part)))
+        """(n,) which key scans are of the oldest session's largest part: of equal ones, the oldest.
 
-    def drawn(self, step: Callable[[], None] = lambda: None) -> Cells:
-        """The grid of the largest part, by the installed mapper; `step` is called for each scan."""
-        mapper, main = new_mapper(), self.main
+        A later part is of the same building only if it was joined to that one: without that proof
+        it is not the map, however large it is.
+        """
+        oldest = self.part[self.session == self.session[0]]
+        return np.asarray(self.part == np.argmax(np.bincount(oldest)))
+
+    def drawn(
+        self, step: Callable[[], None] = lambda: None, which: NDArray[np.bool_] | None = None
+    ) -> Cells:
+        """The grid of the main part, by the installed mapper.
+
+        What a later session saw often enough replaces what was there before.
+
+        Args:
+            step: Called for each scan.
+            which: (n,) the key scans that are drawn instead.
+        """
+        mapper, main = new_mapper(), self.main if which is None else which
+        session = self.session[0]
         for one in self.scans:
             if main[one.key]:
+                if self.session[one.key] != session:
+                    session = self.session[one.key]
+                    mapper.settle()
                 x, y, theta = self.poses[one.key].tolist()
                 at = compose((x, y, theta), tuple(one.offset.tolist()))
                 draw(mapper, at, one.scan, self.body)
@@ -153,6 +177,7 @@ def encode(graph: SavedGraph, *, compressed: bool = True) -> bytes:
         "poses": graph.poses,
         "way": graph.way,
         "part": graph.part,
+        "session": graph.session,
         "edge_ends": graph.ends,
         "edge_pose": graph.steps,
         "edge_information": graph.information[:, TRIANGLE[0], TRIANGLE[1]],
@@ -243,6 +268,8 @@ def _arrays(data: bytes) -> dict[str, _Array]:
 
 def _checked(name: str, archive: Mapping[str, _Array]) -> _Array:
     kind, columns = ARRAYS[name]
+    if name not in archive and name in NEWER:
+        return np.zeros(len(archive[NEWER[name]]), dtype=kind)
     if name not in archive:
         raise ConfigError(f"damaged: no array {name!r}")
     found = archive[name]
@@ -259,7 +286,7 @@ def _graph(arrays: Mapping[str, _Array]) -> SavedGraph:
     poses, ends = arrays["poses"], arrays["edge_ends"]
     count, edges = len(poses), len(ends)
     _expect(count > 0, "no key scans")
-    for name in ("way", "part"):
+    for name in ("way", "part", "session"):
         _expect(len(arrays[name]) == count, f"{name}: expected {count} numbers")
     for name in ("edge_pose", "edge_information", "edge_loop", "edge_weight"):
         _expect(len(arrays[name]) == edges, f"{name}: expected {edges} rows")
@@ -267,6 +294,7 @@ def _graph(arrays: Mapping[str, _Array]) -> SavedGraph:
     _expect(bool((np.diff(arrays["way"]) >= 0.0).all()), "way: it decreases")
     _expect(bool((arrays["part"] < count).all()), "part: too large")
     _expect(int(arrays["part"][0]) == 0, "part: expected 0 first")
+    _expect(bool((np.diff(arrays["session"].astype(np.intp)) >= 0).all()), "session: it decreases")
     _expect(bool((ends < count).all()), f"edge_ends: expected numbers below {count}")
     _expect(bool((ends[:, 0] != ends[:, 1]).all()), "edge_ends: an edge from a pose to itself")
     joined = np.unique(ends.max(axis=1)) if edges else np.zeros(0)
@@ -291,6 +319,7 @@ def _graph(arrays: Mapping[str, _Array]) -> SavedGraph:
         int(arrays["weak"]),
         _scans(arrays, count),
         (body[0], body[1], body[2]) if any(body) else None,
+        arrays["session"].astype(np.intp),
     )
 
 

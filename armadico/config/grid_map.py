@@ -18,6 +18,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from armadico.config.map_lock import held
 from armadico.config.mapwriter import format_map
 from armadico.config.occupancy import (
     MAX_WALLS,
@@ -107,6 +108,9 @@ class Mapper(Protocol):
     def stand(self, pose: Pose, corners: Sequence[tuple[float, float]]) -> None:
         """Add the footprint, by its corners in the robot's frame, as free."""
 
+    def settle(self) -> None:
+        """End a session: readings of a later one may soon change what this one has found."""
+
     def cells(self) -> Cells:
         """The grid so far."""
 
@@ -173,9 +177,15 @@ def check_suffix(path: Path) -> None:
 def save(cells: Cells, path: Path, more: Mapping[Path, bytes] | None = None) -> list[Path]:
     """Save a grid in the format of the suffix; returns the files. Raises ConfigError, OSError.
 
-    Existing files are replaced only when all new ones are on the disk, `more` among them.
+    Existing files are replaced only when all new ones are on the disk, `more` among them, and not
+    while another process holds the map.
     """
     check_suffix(path)
+    with held(path, alone=True):
+        return _saved(cells, path, more)
+
+
+def _saved(cells: Cells, path: Path, more: Mapping[Path, bytes] | None) -> list[Path]:
     if path.suffix == ".map":
         comments = ("Made by driving; the borders of occupied cells.",)
         files = {path: format_map(cells.world(path.stem), comments).encode(), **(more or {})}

@@ -19,6 +19,7 @@ SUFFIXES: dict[str, tuple[str, ...]] = {
     "robots": (".toml",),
     "parameters": (".toml",),
     "missions": (".toml",),
+    "policies": (".toml",),
 }
 """The kinds of configuration, each a folder of `armadico.configs`, and their suffixes."""
 
@@ -82,4 +83,5 @@ def counted_from(file: Path, name: str) -> str:
 
 def _one(kind: str) -> str:
     """The singular of a kind."""
-    return "set of parameters" if kind == "parameters" else kind.removesuffix("s")
+    odd = {"parameters": "set of parameters", "policies": "policy"}
+    return odd.get(kind, kind.removesuffix("s"))

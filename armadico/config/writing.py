@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from errno import EACCES, EINVAL, EISDIR
 from os import strerror
 from pathlib import Path
@@ -30,6 +31,20 @@ def write_files(files: Mapping[Path, bytes]) -> None:
             with suppress(OSError):
                 at.unlink()
         raise
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """A folder whose files one process at a time reads and replaces. Raises OSError.
+
+    The lock is the folder's: a file that is replaced would lose its own.
+    """
+    opened = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(opened, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(opened)
 
 
 def _sync(path: Path) -> None:

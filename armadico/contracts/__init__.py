@@ -10,13 +10,21 @@ from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from armadico.contracts.agents import AgentContract, ResourceContract
+    from armadico.contracts.mechanisms import MechanismContract
     from armadico.contracts.robots import RobotContract
     from armadico.contracts.worlds import WorldContract
 
-__all__ = ["AgentContract", "ResourceContract", "RobotContract", "WorldContract"]
+__all__ = [
+    "AgentContract",
+    "MechanismContract",
+    "ResourceContract",
+    "RobotContract",
+    "WorldContract",
+]
 
 _MODULES: Final = {
     "AgentContract": "agents",
+    "MechanismContract": "mechanisms",
     "ResourceContract": "agents",
     "RobotContract": "robots",
     "WorldContract": "worlds",

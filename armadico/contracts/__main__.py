@@ -12,17 +12,20 @@ from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import agent_class
 from armadico.core.errors import UnknownNameError
 from armadico.core.judgement import all_of
+from armadico.core.mechanisms import coordination
 
 KINDS: Final = {
     "robot": ("robots", "RobotContract", "profile"),
     "agent": ("agents", "AgentContract", "agent"),
     "resource": ("agents", "ResourceContract", "owner"),
+    "mechanism": ("mechanisms", "MechanismContract", "coordination"),
     "world": ("worlds", "WorldContract", "world"),
 }
 """By the kind of plug-in: the module, the contract, and its attribute for what is judged."""
 
 USAGE: Final = (
-    "usage: python -m armadico.contracts {robot PROFILE, agent NAME, resource OWNER, world FILE}\n"
+    "usage: python -m armadico.contracts"
+    " {robot PROFILE, agent NAME, resource OWNER, mechanism NAME, world FILE}\n"
 )
 
 
@@ -37,6 +40,8 @@ def main(words: list[str]) -> int:
     try:
         if kind == "robot":
             load_profile(name)
+        if kind == "mechanism":
+            coordination(name)
         what = agent_class(name) if kind in {"agent", "resource"} else name
     except (UnknownNameError, ConfigError, ImportError) as error:
         sys.stderr.write(f"{error}\n")
@@ -47,6 +52,8 @@ def main(words: list[str]) -> int:
     for check, judgement in found.items():
         cure = f" -> {judgement.cure}" if judgement.cure else ""
         sys.stdout.write(f"{check:{wide}}  {judgement}{cure}\n")
+    for each in judged.unchecked():
+        sys.stdout.write(f"{'not checked':{wide}}  {each}\n")
     return all_of(found.values()).exit_code
 
 

@@ -42,6 +42,10 @@ class Contract:
         """Every check's judgement by its name, such as "stops"."""
         return {name.removeprefix("check_"): judged(getattr(self, name)) for name in self.checks()}
 
+    def unchecked(self) -> tuple[str, ...]:
+        """What no check judges, for people, with what was seen of it."""
+        return ()
+
 
 def judged(check: Callable[[], Judgement]) -> Judgement:
     """The judgement of a check; "no" with the file and line if it raises."""

@@ -25,7 +25,17 @@ from armadico.core.individual import Identity, Individual
 from armadico.core.kernel import Kernel
 from armadico.core.latched import Memory
 from armadico.core.messages import Message
-from armadico.core.outgoing import DEBUG, ERROR, INFO, WARNING, Answer, Question, Refused, Write
+from armadico.core.outgoing import (
+    DEBUG,
+    ERROR,
+    EXPIRY_S,
+    INFO,
+    WARNING,
+    Answer,
+    Question,
+    Refused,
+    Write,
+)
 from armadico.core.resources import Resource
 from armadico.core.services import CARD, derived, service_of
 
@@ -138,6 +148,8 @@ class Agent(Individual):
         service = service_of(type(request))
         assert service.reply is not None, f"{service.key} is not a query"
         key = self.kernel.key_of(type(request), instance=instance or self.instance)
+        if service.named and self.kernel.closed:
+            key = service.asked_by(self.name)
         self.kernel.query(key, request, service.reply, then, timeout)
 
     def query_card(
@@ -226,10 +238,17 @@ class DeviceAgent(Agent, hooks=("address",)):
     def on_braked(self) -> None:
         """Called when the guard has written one step of the last write's `brakes`."""
 
-    def write(self, data: bytes, *, brakes: tuple[bytes, ...] = (), moves: bool = False) -> None:
+    def write(
+        self,
+        data: bytes,
+        *,
+        brakes: tuple[bytes, ...] = (),
+        moves: bool = False,
+        holds_s: float = EXPIRY_S,
+    ) -> None:
         """Write to the device; see `Write`.
 
         Bytes that a pause of the process delays by 0.3 s are dropped.
         """
         if data or brakes:
-            self.kernel.outbox.append(Write(data, brakes, moves))
+            self.kernel.outbox.append(Write(data, brakes, moves, holds_s))

@@ -9,7 +9,7 @@ from armadico.core import messages as m
 from armadico.core.cycles import CycleClock
 from armadico.core.desk import Desk
 from armadico.core.exchange import Bid
-from armadico.core.mechanisms import Mechanism, contender
+from armadico.core.mechanisms import contender
 from armadico.core.messages import Message
 from armadico.core.outgoing import ERROR, WARNING, Publish, Refused
 from armadico.core.resources import Resource
@@ -26,7 +26,7 @@ class Bidding:
         self.resource = resource
         period = resource.period_s
         self.clock = desk.cycles if period is None else CycleClock(period)
-        self.contender: Mechanism = contender(resource, agent, self.clock)
+        self.mechanism, self.contender = contender(resource, agent, self.clock)
         self._turned: m.Cycle | None = None  # the cycle of the last turn
         self._warned = False  # that critical bids are not declared
         self._claim_key = desk.key_of(m.Claim, resource=resource.name)

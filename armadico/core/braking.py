@@ -21,17 +21,20 @@ class Braking:
         due: When the next step is to be written, s; None: the device rests.
     """
 
-    def __init__(self, expiry_s: float, step_s: float) -> None:
-        """`expiry_s`: a write holds so long, s; `step_s`: time from one step to the next, s."""
-        self._expiry_s, self._step_s = expiry_s, step_s
+    def __init__(self, step_s: float) -> None:
+        """`step_s`: time from one step to the next, s."""
+        self._step_s = step_s
         self._steps: tuple[bytes, ...] = ()  # what is left to write; the last one stays
         self._repeats = 0  # how often the last one was written
         self.due: float | None = None
 
-    def renew(self, steps: tuple[bytes, ...], now: float) -> None:
-        """The agent has written: `steps` brake the device from there; none: it rests."""
+    def renew(self, steps: tuple[bytes, ...], until: float) -> None:
+        """The agent has written: `steps` brake the device from there; none: it rests.
+
+        `until`: when the write ends to hold, s.
+        """
         self._steps, self._repeats = steps, 0
-        self.due = now + self._expiry_s if steps else None
+        self.due = until if steps else None
 
     def at_once(self, now: float) -> None:
         """Brake now: the agent has gone, or a stop was ordered."""

@@ -6,10 +6,10 @@ types of the parameters.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import msgspec
 from msgspec import inspect, structs
@@ -19,6 +19,9 @@ from armadico.core.messages import Parameter, Setting
 from armadico.core.parameters import Parameters
 
 P = TypeVar("P", bound=Parameters)
+
+MOST_FIXED: Final = 16_000
+"""Most characters of the fixed parameters in a reply."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +88,33 @@ def differences(before: Parameters, now: Parameters, names: Sequence[str]) -> li
     old, new = msgspec.to_builtins(before), msgspec.to_builtins(now)
     both = [(name, _json(_value(old, name)), _json(_value(new, name))) for name in names]
     return [row for row in both if row[1] != row[2]]
+
+
+def fixed(now: Parameters, units: Mapping[str, str]) -> tuple[Setting, ...] | None:
+    """Return the parameters that are not changeable and differ from the defaults of their class.
+
+    None: they do not fit into a reply.
+    """
+    try:
+        usual = msgspec.to_builtins(type(now)())
+    except TypeError:  # some have no default
+        usual = {}
+    found = differing(msgspec.to_builtins(now), usual)
+    rows = [Setting(name, _json(value)) for name, value in found if name not in units]
+    size = sum(len(row.name) + len(row.json) for row in rows)
+    fit = size <= MOST_FIXED and all(len(row.json) <= 2000 for row in rows) and len(rows) <= 256
+    return tuple(rows) if fit else None
+
+
+def differing(values: Mapping[str, Any], usual: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield the values that differ from the usual ones, by their names with dots into tables."""
+    for name, value in values.items():
+        other = usual.get(name)
+        if isinstance(value, dict) and value != other:
+            below = differing(value, other if isinstance(other, dict) else {})
+            yield from ((f"{name}.{key}", inner) for key, inner in below)
+        elif value != other:
+            yield name, value
 
 
 def _unknown(name: str, parameters: Parameters, known: Mapping[str, Allowed]) -> str:

@@ -26,6 +26,8 @@ from dataclasses import dataclass, field
 from enum import Enum, StrEnum
 from typing import Final, TypeVar
 
+from msgspec.structs import replace
+
 from armadico.core.cycles import CycleClock
 from armadico.core.exchange import Bid, Exchange, Handover
 from armadico.core.messages import (
@@ -170,6 +172,13 @@ def plausible(ballot: Ballot | None, largest: Ballot | None, most: int = JUMP) -
     return ballot is None or ballot.term <= (0 if largest is None else largest.term) + most
 
 
+def _recedes(ack: Ack, before: Ack | None) -> bool:
+    """Return whether the largest ballot is smaller than before, which only a new epoch can do."""
+    if before is None or before.largest is None or ack.cycle.epoch != before.cycle.epoch:
+        return False
+    return ack.largest is None or ack.largest < before.largest
+
+
 # A contender --------------------------------------------------------------------------------------
 
 
@@ -266,10 +275,15 @@ class Contender:
 
     def acked(self, ack: Ack, now: float) -> list[Message]:
         """Process the owner's ack: the largest ballot it knows and the last one it obeyed."""
-        self.ack = ack
         self._agree(ack.largest, now)
         largest, tenure, rival = ack.largest, self.tenure, self.rival
-        if largest is not None and plausible(largest, self.largest):
+        before = self.ack
+        known = plausible(largest, self.largest) and not _recedes(ack, before)
+        if not known and before is not None:
+            # Whom it obeys is doubted like its ballot, until another ack says the same.
+            ack = replace(ack, obeyed=before.obeyed, obeyed_cycle=before.obeyed_cycle)
+        self.ack = ack
+        if largest is not None and known:
             if self.largest is None or largest > self.largest:
                 self.largest = largest
                 if rival is not None and largest > rival.claim.ballot:
@@ -390,7 +404,7 @@ class Contender:
         rival = self.rival
         if rival is not None and rival.gone:
             return Event.VACANT
-        if now >= self._silent_at and not self._obeyed():
+        if now >= self._silent_at and not self._obeyed() and not self._claimed(cycle):
             return Event.UNOBEYED
         if rival is None:
             return None
@@ -550,6 +564,16 @@ class Contender:
             return False
         age = self.clock.age(ack.obeyed_cycle)
         return ack.obeyed >= self.largest and age is not None and age <= 1
+
+    def _claimed(self, cycle: Cycle) -> bool:
+        """Return whether the holder has claimed in a cycle, or after it.
+
+        Then no newer cycle has arrived here, and the holder's silence says nothing of it.
+        """
+        if self.rival is None:
+            return False
+        at = self.rival.claim.cycle
+        return at.epoch == cycle.epoch and at.number >= cycle.number
 
     def _lapsed(self, cycle: Cycle) -> bool:
         """Whether this holder's last command was obeyed, and it has made no bid for long since.

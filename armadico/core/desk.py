@@ -11,6 +11,7 @@ from armadico.core import messages as m
 from armadico.core.cycles import CycleClock
 from armadico.core.individual import Individual
 from armadico.core.latched import STOP, Memory, What, what_of
+from armadico.core.membership import agent_of
 from armadico.core.messages import Message
 from armadico.core.outgoing import INFO, Outgoing, Publish
 from armadico.core.services import Gathering, Kind, expression, service_of
@@ -81,9 +82,15 @@ class Desk:
         self.outbox.append(Publish(self.key_of(type(message), **names), message))
 
     def _gives(self, what: What) -> bool:
-        """Return whether this agent gives a latched state to others: its author is gone."""
+        """Return whether this agent gives a latched state to others: its author is gone.
+
+        It may be gone unseen, while the robot's router restarts: then its successor is there.
+        """
         known = self.authors.get(what)
-        return what == STOP or known is None or known.instance not in self.living
+        if what == STOP or known is None or known.instance not in self.living:
+            return True
+        name = agent_of(known.instance)
+        return sum(agent_of(each) == name for each in self.living) > 1
 
     def _key(self, kind: type[Message]) -> str:
         return service_of(kind).key_in(self.protocol)

@@ -70,11 +70,18 @@ RECORDINGS: Final = "armadico.recordings"
 PICTURES: Final = "armadico.pictures"
 """By what is drawn: the function that draws a picture of it."""
 
+REHEARSALS: Final = "armadico.rehearsals"
+"""What drives a society's present virtually before it is asked to drive; "virtual": at once.
+"told": what was told of a drive before it began."""
+
 AUDITORS: Final = "armadico.auditors"
 """What judges a society's messages, within the monitor."""
 
 MAPPERS: Final = "armadico.mappers"
 """Makers of an occupancy grid from readings at known poses."""
+
+MAPS: Final = "armadico.maps"
+"""What `armadico map` does with saved maps, by the name of the action."""
 
 CORE: Final = str(Path(__file__).parents[1] / "core") + "/"
 

@@ -18,7 +18,7 @@ from armadico.core.agent import WARNING, Agent, DeviceAgent, Question
 from armadico.core.coordination import Verdict
 from armadico.core.cycles import epoch_of
 from armadico.core.kernel import Subscription
-from armadico.core.membership import CARD_S, Admission, Stage
+from armadico.core.membership import CARD_S, Admission, Stage, agent_of
 from armadico.core.messages import (
     OLDEST,
     Ack,
@@ -41,6 +41,7 @@ from armadico.core.services import (
     BIDS,
     CARD,
     RELEASE,
+    SETTINGS,
     SPOKEN,
     STOP,
     Kind,
@@ -150,10 +151,12 @@ class Driver:
         self._wall = wall
         names = {"name": agent.name, "instance": agent.instance}
         self._card_key, self._bids_key = CARD.key_for(**names), BIDS.key_for(**names)
+        self._settings_key = SETTINGS.key_for(**names)
         self._served: dict[str, type[Message]] = {
-            **{self.kernel.key_of(kind): kind for kind in agent.answers},
+            **{service_of(k).answered_at(self.kernel.key_of(k)): k for k in agent.answers},
             self._card_key: Ask,
             self._bids_key: Ask,
+            self._settings_key: Ask,
             self.kernel.key_of(ParametersRequest): ParametersRequest,
         }
         self._out: list[Output] = []
@@ -323,7 +326,21 @@ class Driver:
 
     def answers(self, key: str) -> type[Message] | None:
         """Return the type of query that is answered on a key; None if none is."""
-        return self._served.get(key)
+        return self._asked(key)[0]
+
+    def _asked(self, key: str) -> tuple[type[Message] | None, str]:
+        """Return the type of query that is answered on a key, and the identity that it names.
+
+        The router admits a key that names an identity from that alone, if the society has keys.
+        """
+        closed = self.kernel.closed
+        found = self._served.get(key)
+        if found is None and not closed:  # the key's end proves nothing: it names nobody
+            found = self._served.get(f"{key}/**")
+        if found is not None:
+            return found, ""
+        above, _, asker = key.rpartition("/")
+        return self._served.get(f"{above}/**"), asker if closed else ""
 
     @property
     def queries(self) -> dict[str, type[Message]]:
@@ -338,7 +355,12 @@ class Driver:
                 self._out.append(Reply(call, key, self._card()))
         elif key == self._bids_key:
             self._out.append(Reply(call, key, self.kernel.history()))
-        elif (kind := self._served.get(key)) is not None and self.stage is Stage.JOINED:
+        elif key == self._settings_key:
+            self._out.append(Reply(call, key, self.kernel.tune(ParametersRequest(), own)))
+        elif self.stage is Stage.JOINED:
+            kind, asker = self._asked(key)
+            if kind is None:
+                return
             request = self._read(kind, key, payload, now)
             if request is None:
                 return
@@ -349,7 +371,7 @@ class Driver:
             self._calls[self._call_ids] = (call, key)
             if len(self._calls) > OPEN_QUERIES:
                 self._calls.popitem(last=False)
-            self.kernel.on_query(request, Question(self._call_ids), own)
+            self.kernel.on_query(request, Question(self._call_ids, asker), own)
 
     def on_reply(self, question: int, reply: Message | None, now: float) -> None:
         """Process the reply to an `SendQuery`; None after a timeout."""
@@ -599,7 +621,7 @@ def misaddressed(key: str, message: Message) -> str:
     if type(message) is Stop:
         return _stop_misaddressed(key, publisher, message)
     if type(message) is Tuning and key != "tuning":
-        ours = message.topic == (publisher.rpartition("-")[0] or publisher)
+        ours = message.topic == agent_of(publisher)
         return "" if ours else f"it is about {message.topic or 'several agents'}"
     if (type(message) is Claim or type(message) is Ack) and key.split("/")[1] != message.resource:
         return f"it is about {message.resource}"

@@ -27,7 +27,8 @@ class Guest(Part):
 
     receives: ClassVar[tuple[type[Message], ...]] = ()  # subscriptions, unless it `reads` all
     reads: ClassVar[bool] = False
-    """It subscribes to everything, and queries cards, bids and pieces of journals."""
+    """It subscribes to everything, and queries cards, bids, parameters and pieces of journals. It
+    cannot change parameters."""
     commands: ClassVar[bool] = False
     """It acts for a person: it sends every query, and publishes what guests may publish."""
 

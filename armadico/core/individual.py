@@ -56,6 +56,10 @@ class Individual:
     answers: ClassVar[tuple[type[Message], ...]] = ()  # queries it answers
     queries: ClassVar[tuple[type[Message], ...]] = ()  # queries it sends
     competes_for: ClassVar[tuple[Resource, ...]] = ()
+    competes_later: tuple[str, ...] = ()
+    """How the names of resources begin that it competes for and that do not exist yet when it
+    starts, such as `task-`. An instance has none if it knows that there will be none."""
+
     critical_for: ClassVar[tuple[Resource, ...]] = ()
     """Of the resources in `competes_for`, those for which its bids may be critical."""
     owns: ClassVar[tuple[Resource, ...]] = ()

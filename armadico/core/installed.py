@@ -20,7 +20,7 @@ OURS: Final = "armadico"
 
 
 def entries(group: str) -> tuple[EntryPoint, ...]:
-    """The installed entry points of a group, sorted by name, by the present `sys.path`.
+    """The installed entry points of a group, by the present `sys.path`; ours first, by name.
 
     If several packages have one name, this distribution's counts, else the first on the path; the
     others are left out.
@@ -32,7 +32,7 @@ def entries(group: str) -> tuple[EntryPoint, ...]:
 def _of_group(group: str, *path: str) -> tuple[EntryPoint, ...]:
     found: dict[str, EntryPoint] = {}
     points = _entries(*path)(group=group)
-    for point in sorted(points, key=lambda each: (each.name, package(each) != OURS)):
+    for point in sorted(points, key=lambda each: (package(each) != OURS, each.name)):
         first = found.setdefault(point.name, point)
         if (point.value, package(point)) != (first.value, package(first)):
             left_out(point, f"{package(first)} has an entry point of this name")

@@ -10,7 +10,7 @@ time, and sends the contents of `outbox`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import PurePath
 from typing import Any, Final, cast
 
@@ -24,6 +24,7 @@ from armadico.core.cycles import AHEAD, CycleClock
 from armadico.core.desk import Authored, Desk
 from armadico.core.individual import Individual
 from armadico.core.latched import what_of
+from armadico.core.mechanisms import mixed, mixture
 from armadico.core.messages import Message
 from armadico.core.outgoing import (
     ERROR,
@@ -52,16 +53,20 @@ from armadico.core.settings import Settings
 
 @dataclass(frozen=True, slots=True)
 class Subscription:
-    """A subscription: messages of a type on the keys of a pattern."""
+    """A subscription: messages of a type on the keys of a pattern.
+
+    Attributes:
+        shared: The key that all publishers have in an older protocol; "" if it is none of them.
+    """
 
     message: type[Message]
     pattern: str
     kind: Kind
+    shared: str = field(init=False, compare=False)  # kept, as each delivery asks for it
 
-    @property
-    def shared(self) -> str:
-        """The key that all publishers have in an older protocol; "" if it is none of them."""
-        return self.pattern.removesuffix("/**") if self.pattern.endswith("/**") else ""
+    def __post_init__(self) -> None:
+        shared = self.pattern.removesuffix("/**") if self.pattern.endswith("/**") else ""
+        object.__setattr__(self, "shared", shared)
 
     @property
     def shown(self) -> str:
@@ -133,6 +138,7 @@ class Kernel(Desk):
         self.foreign: set[str] = set()
         self.speaks: dict[str, int] = {}
         self.elders = False
+        self._contending: dict[str, m.Card] = {}  # by instance, for what this agent owns
         self.closed = False
         self.reachable = True
         self.subscriptions = subscriptions(type(agent), self.protocol)
@@ -159,6 +165,7 @@ class Kernel(Desk):
             m.Claim: self._accept_claim,
             m.Command: self._accept_command,
             m.Ack: self._accept_ack,
+            m.Proposal: self._accept_contended,
             **{
                 kind: self._accept_contended
                 for bidding in self._bidding.values()
@@ -329,6 +336,7 @@ class Kernel(Desk):
             return
         self.speaks[card.instance] = card.speaks
         self._count_elders()
+        self._compare_mechanisms(card)
         if self.closed and card.speaks < SPOKEN:
             why = (
                 f"uses protocol {card.speaks}, whose keys all publishers share, and this society"
@@ -344,9 +352,19 @@ class Kernel(Desk):
         sender = f"{card.instance} (host {card.host}, pid {card.pid})"
         self.log(f"{sender} {why}: its claims and commands are refused", ERROR)
 
+    def _compare_mechanisms(self, card: m.Card) -> None:
+        """Log that agents compete for an owned resource by different mechanisms."""
+        if not self._owning.keys().isdisjoint(card.resources):
+            before = mixed(self._contending.values())
+            self._contending[card.instance] = card
+            for name, by in mixed(self._contending.values()).items():
+                if name in self._owning and by.keys() != before.get(name, {}).keys():
+                    self.log(mixture(name, by), WARNING)
+
     def disappeared(self, name: str, instance: str, now: float) -> None:
         """Process the end of a liveliness token."""
         self.now = now
+        self._contending.pop(instance, None)
         self.foreign.discard(instance)
         self.speaks.pop(instance, None)
         self._count_elders()
@@ -473,6 +491,11 @@ class Kernel(Desk):
                 declares=tuple(dict.fromkeys(self._signatures())),
                 world=m.line(PurePath(str(getattr(agent.p, "world", None) or "")).stem),
                 table=identity.table,
+                mechanisms=tuple(
+                    f"{name} {each.mechanism}"
+                    for name, each in self._bidding.items()
+                    if each.mechanism != m.BALLOTS
+                ),
             )
         )
 

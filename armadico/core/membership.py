@@ -53,6 +53,11 @@ LITTLE: Final = 10
 MUCH: Final = 2
 
 
+def agent_of(instance: str) -> str:
+    """Return the name of the agent in an instance's identifier."""
+    return instance.rpartition("-")[0] or instance
+
+
 class Stage(Enum):
     """The progress of an admission."""
 

@@ -39,6 +39,7 @@ COUNTS: Final = LARGEST_COUNT + 1
 
 Real = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]  # also rejects NaN and the infinities
 Share = Annotated[float, Meta(ge=0, le=1)]
+Vote = Annotated[int, Meta(ge=-100, le=100)]
 Deflection = Annotated[float, Meta(ge=-1, le=1)]
 
 # Limits of any wheeled robot. Agents compute with these numbers each cycle, such as look-ahead
@@ -280,6 +281,9 @@ class Proposal(Message, frozen=True):
 
     Published once per cycle by each agent that competes under a coordination with an arbiter. A
     proposal without a utility says that the agent has no bid in this cycle.
+
+    `votes` rate the actions of the coordination's own list, -100 to 100, and `vector` is a motor
+    schema's, in the body frame: each only where the coordination needs it.
     """
 
     resource: Name
@@ -289,6 +293,8 @@ class Proposal(Message, frozen=True):
     critical: bool = False
     action: Action = ()
     within: Annotated[float, Meta(ge=0, le=60)] | None = None  # s, longest transition to it
+    votes: Annotated[tuple[Vote, ...], Meta(max_length=512)] = ()
+    vector: Annotated[tuple[Real, ...], Meta(max_length=3)] = ()
 
 
 class Award(Message, frozen=True):
@@ -560,6 +566,10 @@ class Point(Message, frozen=True):
 # Instances and what they offer --------------------------------------------------------------------
 
 
+BALLOTS: Final = "ballots"
+"""The default coordination mechanism."""
+
+
 class Card(Message, frozen=True):
     """What an agent offers, needs and shares (thesis table 3.1); the reply to a query."""
 
@@ -596,8 +606,21 @@ class Card(Message, frozen=True):
     ones; empty: none."""
     newest: Counter = 0
     """The newest version of this page that it uses; 0: `protocol` is the only one."""
+    mechanisms: tuple[Text, ...] = ()
+    """By which coordination mechanism it competes: a resource, a blank, and the mechanism's name
+    (`wheels auction`). Resources that are not here are competed for by ballots."""
 
-    appended: ClassVar[int] = 1
+    appended: ClassVar[int] = 2
+
+    def mechanism_of(self, resource: str) -> str:
+        """Return the name of the mechanism by which it competes for a resource."""
+        pairs = (each.partition(" ") for each in self.mechanisms)
+        return next((name for of, _, name in pairs if of == resource), BALLOTS)
+
+    @property
+    def ours(self) -> bool:
+        """Whether it is an agent of Armadico; another program need not give what is optional."""
+        return bool(self.version)
 
     @property
     def speaks(self) -> int:
@@ -657,14 +680,19 @@ class ParametersRequest(Message, frozen=True):
 
 
 class ParametersReply(Message, frozen=True):
-    """An agent's changeable parameters.
+    """An agent's changeable parameters, and those of the others that it was launched with.
 
-    With a refusal nothing was changed: it has the wrong value and the allowed ones.
+    With a refusal nothing was changed: it has the wrong value and the allowed ones. `fixed` are the
+    parameters that cannot be changed and differ from the defaults of the agent's class; None: not
+    told, as by an older agent.
     """
 
     instance: Name
     parameters: Annotated[tuple[Parameter, ...], Meta(max_length=64)]
     refusal: Text = ""
+    fixed: Annotated[tuple[Setting, ...], Meta(max_length=256)] | None = None
+
+    appended: ClassVar[int] = 1
 
 
 class ParameterChange(Message, frozen=True):

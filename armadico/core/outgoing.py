@@ -26,6 +26,9 @@ class Question:
     """A received query. An agent that does not reply at once keeps it for `Agent.answer`."""
 
     id: int
+    asker: str = ""
+    """The identity that asks, by the key that it asks on: the robot's router admits no other one
+    there. Empty without keys, and of queries whose key does not name it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +54,7 @@ class Answer:
 class Write:
     """Write bytes to the agent's device.
 
-    A guarded device is braked without the agent if no other write follows within `EXPIRY_S`.
+    A guarded device is braked without the agent if no other write follows within `holds_s`.
     """
 
     data: bytes
@@ -59,6 +62,7 @@ class Write:
     """What brakes the device from there, written one after another, each `STEP_S`; the last is
     repeated. Empty: the device rests."""
     moves: bool = False  # the bytes may move the device: they are dropped after a stop at the guard
+    holds_s: float = EXPIRY_S
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from msgspec import Meta, Struct
 
@@ -15,8 +17,10 @@ class Social(Struct, frozen=True, forbid_unknown_fields=True):
     exchange: Literal["smooth", "abrupt"] | None = None  # None: the resource's own
     margin: Annotated[float, Meta(ge=0, le=1)] | None = None  # None: the resource's own
     comparison: Literal["same-cycle", "last-heard"] = "same-cycle"  # the latter is the thesis's
-    coordination: str | None = None  # an installed mechanism for the wheels; None: ballots
-    told: Literal["award", "yes", "no"] = "award"  # with an arbiter: what an agent's share is
+    coordination: str | None = None  # installed mechanisms, with commas; None: ballots
+    # With an arbiter: what an agent's share is; None: the mechanism's own
+    told: Literal["award", "yes", "no"] | None = None
+    utility: Annotated[tuple[float, ...], Meta(max_length=32)] = ()  # weights of a learned one
 
 
 class Safety(Struct, frozen=True, forbid_unknown_fields=True):
@@ -33,3 +37,56 @@ class Parameters(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """An agent's parameters; subclasses add their own."""
 
     social: Social = Social()
+
+
+@dataclass(frozen=True)
+class Naming:
+    """Marks a parameter's text in which agents are named; `names` reads them from it."""
+
+    names: Callable[[str], Iterable[str]]
+
+
+def _itself(text: str) -> tuple[str]:
+    return (text,)
+
+
+AgentName = Annotated[str, Naming(_itself)]
+"""A parameter, or an item or a key of one, that is the name of an agent. A name of none has no
+effect, so a launcher refuses it and an arbiter reports it (`names_set`)."""
+
+
+def agents_named(value: object, hint: Any = None, at: str = "") -> Iterator[tuple[str, str]]:
+    """Yield each agent that a value names, after the parameter in which it does, such as `wires`.
+
+    Args:
+        value: Parameters, or a part of them.
+        hint: Its annotation, unless it is a struct.
+        at: Its parameter.
+    """
+    if isinstance(value, Struct):
+        hints = get_type_hints(type(value), include_extras=True)
+        for name in value.__struct_fields__:
+            yield from agents_named(getattr(value, name), hints[name], at or name)
+        return
+    if get_origin(hint) is Annotated:
+        for mark in hint.__metadata__:
+            if isinstance(mark, Naming):
+                yield from ((at, name) for name in mark.names(str(value)))
+        hint = hint.__origin__
+    inner = get_args(hint)
+    if isinstance(value, tuple) and inner:
+        for each in value:
+            yield from agents_named(each, inner[0], at)
+    elif isinstance(value, dict) and inner:
+        for key, each in value.items():
+            yield from agents_named(key, inner[0], at)
+            yield from agents_named(each, inner[1], at)
+
+
+def names_set(value: Parameters) -> dict[str, str]:
+    """Return the agents that a setting names and the defaults do not, with the parameter of each.
+
+    A default names every agent that it has a place for, whether it takes part or not.
+    """
+    usual = {name for _, name in agents_named(type(value)())}
+    return {name: at for at, name in agents_named(value) if name not in usual}

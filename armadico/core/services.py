@@ -77,11 +77,22 @@ class Service:
     publishers share the key without that part."""
     guests: bool = False
     """Whether programs that act for a person publish it, too."""
+    named: bool = False
+    """Of a query: in a society with keys each identity sends it on a key of its own, which ends
+    with its name. So no identity can ask as another one."""
 
     @property
     def pattern(self) -> str:
         """The key expression that matches every publisher's key."""
         return expression(self.key)
+
+    def asked_by(self, identity: str) -> str:
+        """Return the key on which an identity sends a query; "": the society has no keys."""
+        return f"{self.key}/{identity}" if self.named and identity else self.key
+
+    def answered_at(self, key: str) -> str:
+        """Return the key expression on which a query of a key is answered: of all that ask."""
+        return f"{key}/**" if self.named else key
 
     def key_in(self, protocol: int) -> str:
         """Return the key that agents of a protocol publish on."""
@@ -214,6 +225,15 @@ _rows: list[Service] = [
         "the parameters that may be changed live; change them",
         reply=m.ParametersReply,
     ),
+    Service(
+        m.Ask,
+        "agent/{name}/{instance}/settings",
+        _Q,
+        None,
+        None,
+        "the same, for programs that may not change them",
+        m.ParametersReply,
+    ),
     Service(m.ParameterChange, "agent/{name}/{instance}/changed", _E, None, None, "a changed one"),
     _spoken(m.Tuning, "tuning", _L, "an agent's parameters that were changed live"),
     Service(
@@ -259,6 +279,7 @@ VOID: Final = _by_message[m.Void]
 RELEASE: Final = next(s for s in _rows if s.people)
 CARD = next(s for s in _rows if s.key.endswith("/card"))
 BIDS = next(s for s in _rows if s.key.endswith("/bids"))
+SETTINGS = next(s for s in _rows if s.key.endswith("/settings"))
 TOKEN = "agent/{name}/{instance}"  # the key of a live instance's liveliness token
 
 
@@ -348,9 +369,18 @@ def latch(
     return register(_spoken(message, key, Kind.LATCHED, meaning, rate_hz))
 
 
-def query(message: type[m.Message], key: str, reply: type[m.Message], meaning: str) -> Service:
-    """Add a row of a query."""
-    return register(Service(message, key, Kind.QUERY, None, None, meaning, reply=reply))
+def query(
+    message: type[m.Message],
+    key: str,
+    reply: type[m.Message],
+    meaning: str,
+    *,
+    named: bool = False,
+) -> Service:
+    """Add a row of a query; `named` as in `Service`."""
+    return register(
+        Service(message, key, Kind.QUERY, None, None, meaning, reply=reply, named=named)
+    )
 
 
 def service_of(message: type[m.Message]) -> Service:

@@ -39,7 +39,8 @@ class Settings:
                 self._set |= {setting.name: setting.json for setting in request.change}
                 self._share()
         rows = changeable.listed(agent.p, self._begun, agent.changeable)
-        return m.ParametersReply(agent.instance, rows, refusal)
+        fixed = changeable.fixed(agent.p, agent.changeable)
+        return m.ParametersReply(agent.instance, rows, refusal, fixed)
 
     def adopt(self, tuning: m.Tuning) -> None:
         """Apply the settings that an earlier or another instance of this agent received."""

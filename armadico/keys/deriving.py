@@ -20,6 +20,7 @@ from armadico.core.messages import OLDEST, Message, ParametersRequest
 from armadico.core.services import (
     BIDS,
     CARD,
+    SETTINGS,
     TOKEN,
     VOID,
     Kind,
@@ -133,7 +134,8 @@ def _of_agent(name: str, cls: type[Individual], robot: str) -> _Granted:
     for message in cls.answers:
         yield from _answered(service_of(message), names, declared(cls, "answers"))
     for message in cls.queries:
-        yield Does.QUERY, expression(service_of(message).key), declared(cls, "queries")
+        key = expression(service_of(message).asked_by(name))
+        yield Does.QUERY, key, declared(cls, "queries")
     for resource in cls.competes_for:
         because = declared(cls, "competes_for")
         yield Does.PUT, resource.utility_key_of(instance), because
@@ -155,7 +157,7 @@ def _published(message: type[Message], people: bool) -> Iterator[Service]:
 
 
 def _answered(service: Service, names: Mapping[str, str], because: Because) -> _Granted:
-    key = expression(service.key, **names)
+    key = service.answered_at(expression(service.key, **names))
     yield Does.ANSWER, key, because
     yield Does.REPLY, key, because
 
@@ -166,7 +168,8 @@ def _of_every_agent(names: Mapping[str, str]) -> _Granted:
         for service in _published(message, people=False):
             because = registered(service, "every agent publishes")
             yield Does.PUT, expression(service.key, **names), because
-    for service in (CARD, BIDS, service_of(ParametersRequest), service_of(messages.JournalRequest)):
+    journal = service_of(messages.JournalRequest)
+    for service in (CARD, BIDS, SETTINGS, service_of(ParametersRequest), journal):
         yield from _answered(service, names, registered(service, "every agent answers"))
     yield Does.QUERY, CARD.pattern, registered(CARD, "every agent queries cards")
     yield (
@@ -202,26 +205,27 @@ def _of_guest(name: str, cls: type[Guest]) -> _Granted:
             for row in _published(message, by_people(f"{name}-")):
                 yield Does.PUT, expression(row.key, **own), declared(part, "provides")
         for message in part.queries:
-            yield Does.QUERY, service_of(message).pattern, declared(part, "queries")
+            key = expression(service_of(message).asked_by(name))
+            yield Does.QUERY, key, declared(part, "queries")
     for message in cls.receives:
         for row in rows_of(message):
             yield Does.SUBSCRIBE, row.heard, declared(cls, "receives")
     if cls.commands:
-        yield from _of_person(cls, own)
+        yield from _of_person(name, cls, own)
     if cls.reads:
         because = declared(cls, "reads")
         for key in (EVERYTHING, *(f"{first}/**" for first in sorted(shared()))):
             yield Does.SUBSCRIBE, key, because
-        for service in (CARD, BIDS, service_of(messages.JournalRequest)):
+        for service in (CARD, BIDS, SETTINGS, service_of(messages.JournalRequest)):
             yield Does.QUERY, service.pattern, because
     yield from _watched()
 
 
-def _of_person(cls: type[Guest], own: Mapping[str, str]) -> _Granted:
+def _of_person(name: str, cls: type[Guest], own: Mapping[str, str]) -> _Granted:
     because = declared(cls, "commands")
     for service in services.services():
         if service.kind is Kind.QUERY:
-            yield Does.QUERY, service.pattern, because
+            yield Does.QUERY, expression(service.asked_by(name)), because
         elif service.guests or service.people:
             yield Does.PUT, expression(service.key, **own), because
 

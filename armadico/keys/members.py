@@ -15,6 +15,7 @@ from armadico.core.resources import WHEELS, Resource
 from armadico.core.services import by_people
 from armadico.keys.store import Member, name_in
 from armadico.mesh.door import (
+    CLIENT,
     LAUNCHER,
     MCP,
     PAGE,
@@ -94,10 +95,15 @@ def for_person(namespace: str, user: str) -> tuple[Member, ...]:
     return (of_person(namespace, user), *of_gateways(namespace), *by_hand)
 
 
+def of_client(namespace: str, name: str) -> Member:
+    """The identity of a program that asks the assistant agent under a name of its own."""
+    return Member(f"{namespace}/{CLIENT}{name}", MCP)
+
+
 def kind_of(name: str) -> str:
     """The kind of an identity by its name, which no agent may have."""
     last = name_in(name).rpartition("/")[2]
-    for prefix, kind in ((PERSON, "person"), (LAUNCHER, "launcher")):
+    for prefix, kind in ((PERSON, "person"), (LAUNCHER, "launcher"), (CLIENT, MCP)):
         if last.startswith(prefix):
             return kind
     return last if last in (*GATEWAYS, ROBOT, SIMULATOR) else "agent"

@@ -29,8 +29,9 @@ from typing import Any, Final
 from urllib.parse import unquote
 
 from armadico.core.config_errors import ConfigError
-from armadico.mesh.door import LAUNCHER, PERSON, ROBOT, name_of
+from armadico.mesh.door import CLIENT, LAUNCHER, PERSON, ROBOT, name_of
 from armadico.mesh.sockets import stem
+from armadico.mesh.topology import default_namespace
 
 AUTHORITY: Final = "authority.pem"
 AUTHORITY_KEY: Final = "authority.key"
@@ -245,7 +246,8 @@ class Store:
                 known = ", ".join(identity.name for identity in self.identities()) or "none"
                 raise ConfigError(
                     f"{self.folder} has no key of {found.name} (known: {known});"
-                    f" {_how(name)} makes one on the computer that has the authority's key"
+                    f" {_how(namespace, name)} makes one"
+                    " on the computer that has the authority's key"
                 )
         check_private(found.private)
         check_private(found.password)
@@ -415,13 +417,13 @@ def check_private(path: Path) -> None:
         )
 
 
-def _how(name: str) -> str:
+def _how(namespace: str, name: str) -> str:
     """The command that makes the key of an identity."""
-    for kind in (PERSON, LAUNCHER):
+    where = "" if namespace == default_namespace() else f" --namespace {namespace}"
+    for kind, verb in ((PERSON, "person"), (LAUNCHER, "host"), (CLIENT, "client")):
         if name.startswith(kind):
-            verb = "person" if kind == PERSON else "host"
-            return f"`armadico keys {verb} {name.removeprefix(kind)}`"
-    return f"`armadico keys agent {name.replace('+', ' ')}`"
+            return f"`armadico keys {verb} {name.removeprefix(kind)}{where}`"
+    return f"`armadico keys agent {name.replace('+', ' ')}{where}`"
 
 
 def write_private(path: Path, data: bytes) -> None:

@@ -10,11 +10,12 @@ import json
 import math
 import random
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, TypeVar, cast
 
+from armadico.agents.interface.messages import MissionCancel
 from armadico.config.endpoints import endpoints
 from armadico.core.errors import no_such
 from armadico.core.mailbox import EVENTS
@@ -32,7 +33,7 @@ from armadico.core.messages import (
 from armadico.core.services import CARD, Kind, rows_of, service_of
 from armadico.core.unseen import Rule
 from armadico.launch.latch import Latching
-from armadico.mesh.base import Mesh, publish
+from armadico.mesh.base import Mesh, asked_on, publish
 from armadico.mobile.errand import Order
 from armadico.mobile.messages import (
     MissionReply,
@@ -152,7 +153,7 @@ class Client:
         """
         self.listen(kind)
         if not self._delivering:
-            self._catch_up()
+            self.catch_up()
             self.wait_for(lambda: kind in self._latest, timeout)
         message, _ = self._latest.get(kind, (None, 0.0))
         return cast("M | None", message)
@@ -191,6 +192,15 @@ class Client:
             self._delivering -= 1
         return value
 
+    def catch_up(self) -> None:
+        """Deliver all queued arrivals."""
+        self._delivering += 1
+        try:
+            while self._dispatch(0.0):
+                pass
+        finally:
+            self._delivering -= 1
+
     def query(
         self, request: Message, timeout: float = 5.0, patience: float | None = None
     ) -> Message | None:
@@ -201,18 +211,26 @@ class Client:
         Without a reply it queries again, as links come up in the background; for at most `patience`
         s, if given. Raises TypeError for a message that is no query.
         """
-        service = service_of(type(request))
-        if service.reply is None:
-            raise TypeError(f"{service.key} is not a query")
+        key, reply = self._addressed(request)
         begun = self.mesh.now()
         while (gone := self.mesh.now() - begun) < timeout:
-            replies = self._query(service.key, request, service.reply, timeout - gone, enough=1)
+            replies = self._query(key, request, reply, timeout - gone)
             if replies:
                 return next(iter(replies.values()))
             if patience is not None and self.mesh.now() - begun >= patience:
                 return None
             self.wait_for(lambda: None, AGAIN_S)
         return None
+
+    def begin_query(
+        self, request: Message, timeout: float, then: Callable[[Message | None], None]
+    ) -> None:
+        """Send a query once; a later wait calls `then` with the first reply.
+
+        It gets None if no reply arrives within `timeout` (s). Raises as `query`.
+        """
+        key, reply = self._addressed(request)
+        self._put_first(key, request, reply, timeout, then)
 
     # The robot ------------------------------------------------------------------------------------
 
@@ -225,6 +243,7 @@ class Client:
         direct: bool = False,
         start: tuple[float, float, float] | None = None,
         unseen: Rule | None = None,
+        by: str = "a guest",
     ) -> Mission:
         """Send the robot to a pose (m, m, rad); return when the mission is accepted.
 
@@ -235,7 +254,7 @@ class Client:
         is the planner's, or a straight line with `direct`. `start` sets the robot's present pose
         (m, m, rad), if it is known better than the robot estimates it. `unseen` is whether a path
         may lead through what nobody has seen, where no other leads to the goal; None: the planner's
-        own rule.
+        own rule. `by` is the person or program, for people.
 
         Raises:
             AbsentError: There is no interface agent.
@@ -247,7 +266,7 @@ class Client:
         if theta is None:
             theta = heading_to(x, y, here or self.latest(Pose, POSE_S))
         goal = Waypoint(x, y, math.remainder(theta, math.tau))
-        request = MissionRequest(goal, planned=not direct, start=here, rule=unseen)
+        request = MissionRequest(goal, planned=not direct, start=here, rule=unseen, by=by)
         return Mission(self, self.request_mission(request))
 
     def request_mission(
@@ -277,7 +296,7 @@ class Client:
                 withdrawal, what = request.withdrawal(), request.kind_name
                 if withdrawal is not None:
                     key = service_of(type(withdrawal)).key
-                    self._query(key, withdrawal, MissionReply, AGAIN_S, enough=1)
+                    self._query(key, withdrawal, MissionReply, AGAIN_S)
                 there = self.mesh.now() - begun < PLANNING_S
                 answers = "is alive" if there else "answers"
                 raise AbsentError(f"no agent that takes {what} {answers}", self.mesh.namespace)
@@ -336,35 +355,24 @@ class Client:
         """Return the cards of all live agents; None for an agent without a reply in time (s)."""
         self.settle()
         pattern = CARD.key_for(name="*", instance="*")
-        replies = self._query(pattern, Ask(), Card, timeout, enough=len(self.alive))
         keys = {
             (name, instance): CARD.key_for(name=name, instance=instance)
             for name, instance in sorted(self.alive)
         }
+        replies = self._query(pattern, Ask(), Card, timeout, of=keys.values())
         return {agent: _own(replies.get(key), agent[1]) for agent, key in keys.items()}
 
     def card(self, name: str, instance: str, timeout: float = 1.0) -> Card | None:
         """Return the card of one agent; None without a reply within `timeout` (s)."""
         key = CARD.key_for(name=name, instance=instance)
-        return _own(self._query(key, Ask(), Card, timeout, enough=1).get(key), instance)
+        return _own(self._query(key, Ask(), Card, timeout).get(key), instance)
 
     def query_card(
         self, name: str, instance: str, timeout: float, then: Callable[[Card | None], None]
     ) -> None:
         """Query the card of one agent; a later wait calls `then` with the card or None."""
         key = CARD.key_for(name=name, instance=instance)
-        answered: list[bool] = []
-
-        def each(where: str, card: Card) -> None:
-            if where == key and not answered:
-                answered.append(True)
-                then(_own(card, instance))
-
-        def over() -> None:
-            if not answered:
-                then(None)
-
-        self._put(key, Ask(), Card, timeout, each, over)
+        self._put_first(key, Ask(), Card, timeout, lambda card: then(_own(card, instance)))
 
     # Parameters -----------------------------------------------------------------------------------
 
@@ -380,12 +388,12 @@ class Client:
             timeout: The timeout of the replies, s.
 
         Returns:
-            The replies, by (name, instance).
+            The replies, by (name, instance); an agent that did not reply in time is left out.
 
         Raises:
             AbsentError: There is no such agent.
         """
-        return self._put_settings(ParametersRequest(), self._named(agent), timeout)
+        return self._put_settings(ParametersRequest(), self.named(agent), timeout)
 
     def change(
         self,
@@ -412,7 +420,7 @@ class Client:
             AbsentError: There is no such agent, or it does not reply.
             ParameterError: The agent refused, with the allowed values; or several agents match.
         """
-        agents = self._named(agent)
+        agents = self.named(agent)
         if len({name for name, _ in agents}) > 1:
             raise ParameterError(f"{agent!r} is the beginning of several: name one agent")
         name, instance = agents[0]
@@ -429,8 +437,11 @@ class Client:
             raise ParameterError(f"{name}: {reply.refusal}")
         return reply
 
-    def _named(self, agent: str) -> list[tuple[str, str]]:
-        """Return the live instances that a name means. Raises AbsentError if there is none."""
+    def named(self, agent: str) -> list[tuple[str, str]]:
+        """Return the live instances, with their names, that a name means; empty: all agents.
+
+        Raises AbsentError if there is none.
+        """
         self.settle()
         alive = sorted(self.alive)
         found = [each for each in alive if agent in ("", each[0])]
@@ -446,7 +457,7 @@ class Client:
         service = service_of(ParametersRequest)
         keys = {service.key_for(name=name, instance=one): (name, one) for name, one in to}
         key = next(iter(keys)) if len(keys) == 1 else service.pattern
-        replies = self._query(key, request, ParametersReply, timeout, enough=len(keys))
+        replies = self._query(key, request, ParametersReply, timeout, of=keys)
         return {
             agent: replies[key]
             for key, agent in keys.items()
@@ -472,15 +483,6 @@ class Client:
             call, args = item
             call(*args)
         return item is not None
-
-    def _catch_up(self) -> None:
-        """Deliver all queued arrivals."""
-        self._delivering += 1
-        try:
-            while self._dispatch(0.0):
-                pass
-        finally:
-            self._delivering -= 1
 
     def _latch(
         self,
@@ -557,14 +559,47 @@ class Client:
 
         self._inbox.put(f"token/{instance}", deliver, keep=1)
 
+    def _addressed(self, request: Message) -> tuple[str, type[Message]]:
+        """Return the key of a query, and the type of its reply. Raises TypeError."""
+        service = service_of(type(request))
+        if service.reply is None:
+            raise TypeError(f"{service.key} is not a query")
+        return asked_on(self.mesh, request), service.reply
+
+    def _put_first(
+        self,
+        key: str,
+        request: Message,
+        reply: type[M],
+        timeout: float,
+        then: Callable[[M | None], None],
+    ) -> None:
+        """Send a query; a wait calls `then` once, with the first reply or None."""
+        answered: list[bool] = []
+
+        def end(message: M | None) -> None:
+            if not answered:
+                answered.append(True)
+                then(message)
+
+        self._put(key, request, reply, timeout, lambda _, found: end(found), lambda: end(None))
+
     def _query(
-        self, key: str, request: Message, reply: type[M], timeout: float, enough: int
+        self, key: str, request: Message, reply: type[M], timeout: float, of: Iterable[str] = ()
     ) -> dict[str, M]:
-        """Return replies by key: until there are enough, all have replied, or the timeout (s)."""
+        """Return replies by key: until those `of` some keys, all have replied, or the timeout (s).
+
+        Without keys one reply is enough.
+        """
+        wanted = set(of)  # not their number: one that has just started may reply before them
         replies: dict[str, M] = {}
         over: list[bool] = []
         self._put(key, request, reply, timeout, replies.__setitem__, lambda: over.append(True))
-        self.wait_for(lambda: len(replies) >= enough or bool(over), timeout)
+
+        def whole() -> bool:
+            return bool(over) or (wanted <= replies.keys() if wanted else bool(replies))
+
+        self.wait_for(whole, timeout)
         return replies
 
     def _put(
@@ -665,6 +700,20 @@ class Mission:
                 progress(self)
             client.wait_for(lambda: None, AGAIN_S)
         return True
+
+    def cancel(self, by: str = "a guest") -> None:
+        """End the drive where the robot is, without a stop: the next goal may follow at once.
+
+        Raises:
+            AbsentError: There is no interface agent.
+            MissionRefusedError: With the reason, such as that the goal is reached.
+        """
+        client = self._client
+        reply = client.query(MissionCancel(self.number, by), PLANNING_S, patience=FIND_S)
+        if not isinstance(reply, MissionReply):
+            raise AbsentError("no agent that takes missions answers", client.mesh.namespace)
+        if reply.refusal:
+            raise MissionRefusedError(reply.refusal)
 
 
 def _own(card: Card | None, instance: str) -> Card | None:

@@ -63,6 +63,26 @@ def _unseen_rule(text: str) -> Rule:
         raise BadValueError(str(error)) from None
 
 
+DECIDES: Final = (
+    "the mechanism that decides which agent drives: auction, damn, aura, ...; several, for several"
+    " resources, with commas or repeated; list: show them (default: ballots)"
+)
+
+
+def coordination_option(help_: str = DECIDES) -> str | None:
+    """The field of the mechanism that decides who drives; several are joined by commas."""
+    return option(help_, metavar="NAME", action="append", turned=",".join)
+
+
+def told_option() -> str | None:
+    """The field of what agents are told of their share."""
+    return option(
+        "with an arbiter: what an agent is told of its share (default: the mechanism's, mostly"
+        " award)",
+        choices=("award", "yes", "no"),
+    )
+
+
 def _group(text: str) -> tuple[str, ...]:
     return tuple(text.split("+"))
 
@@ -102,14 +122,8 @@ class Choices:
     exchange: str | None = option(
         "how resources change hands (default: smooth)", choices=("abrupt", "smooth")
     )
-    coordination: str | None = option(
-        "the mechanism that decides which agent drives: auction, priority, ... (default: ballots)",
-        metavar="NAME",
-    )
-    told: str | None = option(
-        "with an arbiter: what an agent is told of its share (default: award)",
-        choices=("award", "yes", "no"),
-    )
+    coordination: str | None = coordination_option()
+    told: str | None = told_option()
     without: Sequence[str] = several("leave out an agent; may be repeated", metavar="AGENT")
     besides: Sequence[str] = several("add an agent; may be repeated", "--with", metavar="AGENT")
     sensors: str | None = option(

@@ -19,7 +19,13 @@ from armadico.mesh.sockets import identity, is_held, share_of, shares_of
 
 @dataclass(frozen=True)
 class Share:
-    """A running share: process, host, namespace, agents, log folder, and the open port, if any."""
+    """A running share: process, host, namespace, agents, log folder.
+
+    Attributes:
+        open: The open port; empty: none.
+        world: The robot's world, by name or absolute path; empty: it is not known.
+        robot: The robot's profile likewise.
+    """
 
     pid: int
     host: str
@@ -27,6 +33,8 @@ class Share:
     agents: tuple[str, ...]
     logs: str
     open: str = ""
+    world: str = ""
+    robot: str = ""
 
 
 class TakenError(RuntimeError):

@@ -20,6 +20,7 @@ from armadico.core.agent import WARNING
 from armadico.core.cycles import LISTEN
 from armadico.core.discovery import GUESTS, agent_class, owners
 from armadico.core.installed import made
+from armadico.core.membership import agent_of
 from armadico.core.messages import Claim, Log, LogEvent, Message, RobotState
 from armadico.core.resources import WHEELS
 from armadico.launch.client import Client
@@ -240,7 +241,7 @@ class RobotRun(Run[RunWatch, Result]):
         """Report an agent's warning with the agent's name, unless it repeats the last one."""
         if isinstance(message, Log) and message.level >= WARNING and message.text != self._warned:
             self._warned = message.text
-            name = key.rpartition("/")[2].rpartition("-")[0]
+            name = agent_of(key.rpartition("/")[2])
             named = message.text.startswith(name)
             self._warn(message.text if named else f"{name}: {message.text}")
 

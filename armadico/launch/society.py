@@ -7,7 +7,7 @@ The same list is launched as real processes (`armadico.launch.local`) or on the 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import radians
 from pathlib import Path
@@ -40,16 +40,31 @@ from armadico.config.scenarios import (
 from armadico.config.shipped import counted_from
 from armadico.config.slots import slot
 from armadico.config.worlds import load_world
-from armadico.core.agent import DeviceAgent
+from armadico.core.agent import DeviceAgent, Identity
 from armadico.core.config_errors import ConfigError, ConfigNameError, advice
 from armadico.core.discovery import AGENTS, ERRANDS, agent_class, find, installed, owners
-from armadico.core.mechanisms import coordination
+from armadico.core.discovery import agents as installed_agents
+from armadico.core.individual import Individual
+from armadico.core.mechanisms import (
+    Coordination,
+    all_coordinations,
+    coordinations,
+    decides,
+    differing,
+    idle,
+    lacks,
+    preset_of,
+    rivalled,
+    vain,
+)
+from armadico.core.parameters import names_set
 from armadico.core.resources import WHEELS, Resource
 from armadico.launch.options import Options as Options  # noqa: PLC0414 - for importers
 from armadico.mobile.errand import Order
 from armadico.mobile.messages import MissionRequest, Waypoint
 from armadico.observe.conditions import Conditions, digest, packages, software
 from armadico.observe.measures import RunWatch
+from armadico.runtime.blame import attributed
 
 VIRTUAL, LIVE, ATTACHED = "virtual", "live", "attached"
 """The modes of a run."""
@@ -124,15 +139,162 @@ def prepared(
         if name not in free:
             taking = ", ".join(free)
             raise ConfigError(f"without {name}: {scenario.name} can be without {taking}")
-    arbiter = "" if options.coordination is None else coordination(options.coordination).arbiter
-    if options.told and not arbiter:
-        raise ConfigError("--told needs a --coordination with an arbiter, such as auction")
-    if arbiter and arbiter not in scenario.agents:
-        find(AGENTS, arbiter)
-        scenario = replace(scenario, agents=(*scenario.agents, arbiter))
-    if options.controller or options.parameters or options.sets:
-        check(members(scenario, options, ""))
+    scenario = coordinated(scenario, options)
+    if any((options.controller, options.parameters, options.sets, options.exchange, options.told)):
+        check(started := members(scenario, options, ""))
+        for error in strangers(started):
+            raise error
+    if options.coordination or options.parameters or options.sets:
+        check_decided(members(scenario, options, ""), options)
     return scenario
+
+
+def coordinated(scenario: Scenario, options: Options) -> Scenario:
+    """The scenario with the arbiters of the chosen coordinations, if they have any.
+
+    Raises UnknownNameError, and ConfigError if an agent lacks what a coordination needs.
+    """
+    taking = names(scenario, options.without)
+    more = checked_arbiters(options, taking, taking)
+    more = tuple(arbiter for arbiter in more if arbiter not in scenario.agents)
+    return replace(scenario, agents=(*scenario.agents, *more)) if more else scenario
+
+
+def checked_arbiters(
+    options: Options, taking: Sequence[str], everywhere: Collection[str]
+) -> tuple[str, ...]:
+    """The arbiters of the chosen coordinations, which may have none.
+
+    Args:
+        options: The options of the run.
+        taking: The agents of this host.
+        everywhere: Those of all hosts.
+
+    Raises UnknownNameError, and ConfigError if one of the agents lacks what a coordination needs,
+    if two decide about the same, or one about nothing, or another arbiter takes part.
+    """
+    known = coordinations(options.coordination)
+    found = tuple(each.arbiter for each in known.values() if each.arbiter)
+    deciding = {each.arbiter for each in all_coordinations().values()}
+    for name in taking:
+        if name in deciding and name not in found:
+            mechanism = f"--coordination {options.coordination}" if known else "ballots"
+            raise ConfigError(
+                f"agent {name} is the arbiter of another mechanism than {mechanism}, which is"
+                " chosen: leave it out, or choose its own"
+            )
+    if options.told and not found:
+        raise ConfigError("--told needs a --coordination with an arbiter, such as auction")
+    if not known:
+        return ()
+    for arbiter in found:
+        find(AGENTS, arbiter)
+    driving = {name: agent_class(name) for name in taking if WHEELS in _competes_for(name)}
+    here = installed(AGENTS)
+    strange = any(name not in here for name in everywhere)  # what those compete for is unknown
+    agents = {name: agent_class(name) for name in everywhere if name in here}
+    by: dict[str, str] = {}
+    for name, each in known.items():
+        about = decides(each)
+        if about and (other := by.setdefault(about, name)) != name:
+            raise ConfigError(f"--coordination: {other} and {name} both decide about {about}")
+        if wrong := lacks(each, driving) or ("" if strange else _idle(each, agents)):
+            raise ConfigError(f"--coordination {name}: {wrong}")
+    return found
+
+
+def check_decided(members: Sequence[Member], options: Options, *, whole: bool = True) -> None:
+    """Raises ConfigError if a chosen coordination decides nothing among all agents of a society.
+
+    Their settings count, by which each may have chosen one, and what they know of the world. It
+    raises the same for agents that compete for the same by different mechanisms, or that lack what
+    theirs needs, which is all that it checks unless the members are the `whole` society.
+    """
+    competing = {}
+    for member in members:
+        kind = agent_class(member.name)
+        if kind.competes_for or kind.competes_later:
+            given = load_parameters(kind.parameters, None, member.sets)
+            identity = Identity(member.name)
+            with attributed(kind):
+                competing[member.name] = kind(identity, given)
+    if different := differing(competing):
+        raise ConfigError(f"{different}; choose for all of them: --coordination NAME")
+    driving = {name: type(one) for name, one in competing.items() if WHEELS in one.competes_for}
+    known = coordinations(options.coordination)
+    for agent in competing.values():
+        known |= coordinations(agent.p.social.coordination)
+    own = {resource.name for agent in competing.values() for resource in agent.competes_for}
+    for name, each in known.items():
+        wrong = lacks(each, driving) or (vain(each, competing) if whole else "")
+        # That of tasks and passages, which exist only later, may be in another robot's society.
+        lost = each.arbiter not in {"", *competing} and decides(each) in own
+        if not wrong and whole and lost:
+            wrong = f"its arbiter {each.arbiter} takes no part; choose it for all: --coordination"
+        if wrong:
+            raise ConfigError(f"--coordination {name}: {wrong}")
+
+
+def rivals_elsewhere(
+    scenario: Scenario | None, options: Options, host: str, table: HostTable
+) -> tuple[str, ...]:
+    """The agents of a society that compete for something, or may, on other hosts than `host`.
+
+    What an agent that is not installed here competes for is unknown.
+    """
+    taking = None if scenario is None else names(scenario, options.without)
+    here = installed(AGENTS)
+    elsewhere = (name for at, it in table.hosts.items() if at != host for name in it.agents)
+    return tuple(
+        name
+        for name in dict.fromkeys(elsewhere)
+        if name not in options.without and (taking is None or name in taking)
+        if name not in here or rivalled(agent_class(name))
+    )
+
+
+def _idle(each: Coordination, agents: Mapping[str, type[Individual]]) -> str:
+    """Why a coordination has nothing to decide here, and which agents would change that."""
+    why = idle(each, agents)
+    if not why or hasattr(each, "where"):
+        return why
+    deciding = {other.arbiter for other in all_coordinations().values()}
+    able = [
+        n for n, cls in installed_agents() if n not in deciding if decides(each) in rivalled(cls)
+    ]
+    return f"{why}; add one that does (--with): {', '.join(able)}" if able else why
+
+
+def arbiters(
+    scenario: Scenario | None, options: Options, here: Sequence[str], table: HostTable
+) -> tuple[str, ...]:
+    """The arbiters that a host starts beside its share; in a redundant society two of each.
+
+    An arbiter that no host of the table has runs beside the robot agent. Raises as
+    `checked_arbiters`.
+    """
+    placed = _placed(table)
+    taken = () if scenario is None else names(scenario, options.without)
+    everywhere = {*here, *taken, *(placed - {*options.without})}
+    found = [each for each in checked_arbiters(options, here, everywhere) if each not in placed]
+    if next(owners(here, WHEELS), None) is None:
+        return ()
+    twice = scenario is not None and scenario.redundant
+    return tuple(each for each in found for _ in range(1 + twice))
+
+
+def with_arbiters(scenario: Scenario, options: Options, table: HostTable) -> Scenario:
+    """The scenario with those arbiters that a host of the table has: they take part by its choice.
+
+    Raises UnknownNameError.
+    """
+    chosen = {each.arbiter for each in coordinations(options.coordination).values()}
+    more = tuple(sorted((chosen & _placed(table)) - {*scenario.agents}))
+    return replace(scenario, agents=(*scenario.agents, *more))
+
+
+def _placed(table: HostTable) -> set[str]:
+    return {name for host in table.hosts.values() for name in host.agents}
 
 
 def profile_of(name: str | None) -> str | None:
@@ -236,8 +398,9 @@ def facts(
 ) -> dict[str, object]:
     """The facts of a run by the names of parameters; None: not known.
 
-    An agent that competes for the wheels receives those of `social.`; of the others each agent
-    receives those in its `Agent.launched_with`.
+    An agent that competes for the wheels receives those of `social.`, one that competes for another
+    resource those of its mechanism; of the others each agent receives those in its
+    `Agent.launched_with`.
     """
     x, y, theta = scenario.start
     return {
@@ -281,7 +444,11 @@ def _launched(
     if together:
         check_rivals(names)
     given = load_set(options.parameters) if options.parameters else {}
-    return tuple(Member(name, given.get(name, ()) + _settings(name, known)) for name in names)
+    preset = preset_of(options.coordination)
+    return tuple(
+        Member(name, preset.get(name, ()) + given.get(name, ()) + _settings(name, known))
+        for name in names
+    )
 
 
 def with_sets(members: Sequence[Member], sets: Sequence[str]) -> tuple[Member, ...]:
@@ -312,6 +479,8 @@ def _settings(name: str, known: Mapping[str, object]) -> tuple[str, ...]:
             raise ConfigNameError("fact", fact, known, message=message)
     if WHEELS in kind.competes_for:
         wanted += [fact for fact in known if fact.startswith("social.")]
+    elif kind.competes_for:
+        wanted += ["social.coordination", "social.told"]
     return tuple(f"{fact}={known[fact]}" for fact in wanted if known[fact] is not None)
 
 
@@ -335,6 +504,20 @@ def check(members: Sequence[Member]) -> None:
             load_parameters(agent_class(member.name).parameters, None, member.sets)
         except ConfigError as error:
             raise error.at(None, before=f"{member.name}: {error.file}: ") from None
+
+
+def strangers(members: Sequence[Member]) -> Iterator[ConfigNameError]:
+    """What is wrong with settings that name agents which are not installed here.
+
+    For a run they are errors. An agent of another computer need not be installed on this one.
+    """
+    for member in dict.fromkeys(members):
+        given = load_parameters(agent_class(member.name).parameters, None, member.sets)
+        for name, at in names_set(given).items():
+            if name not in (known := installed(AGENTS)):
+                text = f"{member.name}: {at} names {name!r}, which is no installed agent"
+                message = f"{text}; {advice(name, known)}"
+                yield ConfigNameError("agent", name, known, message=message)
 
 
 def processes(
@@ -376,6 +559,7 @@ def mission(scenario: Scenario) -> MissionRequest | None:
         goal=_waypoint(scenario.goal),
         waypoints=tuple(map(_waypoint, scenario.waypoints)) if scenario.plan == "waypoints" else (),
         planned=planned(scenario),
+        by="armadico run",
     )
 
 

@@ -12,8 +12,9 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Final, Protocol, TypeVar
 
+from armadico.core.membership import agent_of
 from armadico.core.messages import Message, MessageError, decode, line
-from armadico.core.services import keys_of
+from armadico.core.services import keys_of, service_of
 
 logger = logging.getLogger("armadico.mesh")
 
@@ -135,6 +136,12 @@ def publish(mesh: Mesh, message: Message) -> None:
     own, *older = keys_of(message, mesh.guest)
     for key in (own,) if mesh.closed else (own, *older):
         mesh.publish(key, message)
+
+
+def asked_on(mesh: Mesh, request: Message) -> str:
+    """Return the key on which a guest sends a query: with keys it may name the guest's identity."""
+    identity = agent_of(mesh.guest) if mesh.closed else ""
+    return service_of(type(request)).asked_by(identity)
 
 
 class Monotonic:

@@ -25,6 +25,7 @@ VIEWER: Final = "viewer"  # reads only
 SIMULATOR: Final = "simulator"
 PERSON: Final = "person-"
 LAUNCHER: Final = "launcher-"
+CLIENT: Final = f"{MCP}-"  # of one client program
 
 LONGEST_NAME: Final = 40
 """Characters of a name. With its namespace it is a common name, of which X.509 allows 64."""

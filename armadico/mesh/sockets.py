@@ -473,4 +473,5 @@ def _short(namespace: str) -> str:
     import hashlib  # slow
 
     beside, _, robot = namespace.rpartition("/")
-    return _SLASH.join(hashlib.sha256(part.encode()).hexdigest()[:10] for part in (beside, robot))
+    parts = (part.encode(errors="surrogatepass") for part in (beside, robot))  # any that is typed
+    return _SLASH.join(hashlib.sha256(part).hexdigest()[:10] for part in parts)

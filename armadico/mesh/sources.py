@@ -32,6 +32,14 @@ class Ration:
         self.left = min(self.left + max(now - self.at, 0.0) * self.rate_hz, self.burst)
         self.at = now
 
+    def take(self, now: float) -> bool:
+        """Take one at a time, s; return whether there was one."""
+        self.refill(now)
+        if self.left < 1.0:
+            return False
+        self.left -= 1.0
+        return True
+
     def until_one(self) -> float:
         """How long it takes until one is left, s."""
         return max(1.0 - self.left, 0.0) / self.rate_hz
@@ -50,8 +58,4 @@ class Rations:
         self._of.move_to_end(source)
         if len(self._of) > self._most:
             self._of.popitem(last=False)
-        own.refill(now)
-        if own.left < 1.0:
-            return False
-        own.left -= 1.0
-        return True
+        return own.take(now)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import inf
 
 from armadico.core.braking import Braking
-from armadico.core.outgoing import EXPIRY_S, STEP_S, Write
+from armadico.core.outgoing import STEP_S, Write
 from armadico.mesh.virtual_node import Node
 from armadico.mesh.virtual_place import DEVICE, Device, Network, address
 
@@ -16,8 +17,8 @@ class Port:
 
     device: Device
     node: Node
-    guard: Braking = field(default_factory=lambda: Braking(EXPIRY_S, STEP_S))
-    waits: bool = False  # a look at the guard is scheduled
+    guard: Braking = field(default_factory=lambda: Braking(STEP_S))
+    looks_at: float = inf  # when the next look at the guard is scheduled, s
 
 
 class Ports:
@@ -31,7 +32,7 @@ class Ports:
         """Open a device for a node."""
         for port in self._ports:
             if port.device is device:
-                port.node, port.guard = node, Braking(EXPIRY_S, STEP_S)
+                port.node, port.guard = node, Braking(STEP_S)
                 return
         port = Port(device, node)
         self._ports.append(port)
@@ -40,7 +41,7 @@ class Ports:
     def write(self, node: Node, item: Write) -> None:
         """Send a write's bytes to a node's device, and let its guard know."""
         for port in self._of(node):
-            port.guard.renew(item.brakes, self._mesh.now)
+            port.guard.renew(item.brakes, self._mesh.now + item.holds_s)
             self._watch(port)
         if item.data:
             self._send(node, item.data)
@@ -56,12 +57,12 @@ class Ports:
 
     def _watch(self, port: Port) -> None:
         due = port.guard.due
-        if due is not None and not port.waits:
-            port.waits = True
+        if due is not None and due < port.looks_at:
+            port.looks_at = due
             self._mesh.call_at(due, self._guard_due, port)
 
     def _guard_due(self, port: Port, _: object) -> None:
-        port.waits = False
+        port.looks_at = inf
         self._brake(port)
 
     def _brake(self, port: Port) -> None:

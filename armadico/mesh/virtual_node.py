@@ -152,9 +152,10 @@ class Node(Place):
         return [key for key in self.driver.queries if matches(pattern, key)]
 
     def on_query(self, queryable: str, what: tuple[str, Message, int]) -> None:
-        _, request, number = what
+        key, request, number = what
+        at = key if queryable.endswith("/**") else queryable  # it may be asked on a pattern, too
         self._accept(
-            lambda: self.driver.on_query(queryable, request, number, self.time),
+            lambda: self.driver.on_query(at, request, number, self.time),
             f"query/{queryable}",
         )
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import replace
+from math import ceil, copysign, inf, sqrt
 from typing import ClassVar, Final
 
 from msgspec import structs
@@ -18,11 +20,13 @@ from armadico.mobile.geometry import relative
 from armadico.mobile.messages import ByHand, Leading, Pose, Trajectory
 from armadico.mobile.motion import Body, Speeds, ordered
 from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.offers import along, near, speeds_of
 from armadico.mobile.route import Route
 from armadico.mobile.safety import Scene, limit
 from armadico.mobile.sight import in_sight
 
 MARGINS = Safety()  # the default of behaviours without their own margins
+UNKNOWN: Final = (inf, inf)  # an order, m/s and rad/s
 
 # Standard deviations of the pose, m. Beyond the first a behaviour slows down; beyond the second the
 # robot is lost and no mission is driven.
@@ -59,13 +63,32 @@ HEEDS, HEEDS_M_S = 2.0, 0.14
 through, or the second, m/s. Its readings may show what the obstacles do not yet: a behaviour that
 speeds up against them would start with a leap once they are gone."""
 
+REFUSED_CYCLES, REFUSED_FOR_S = 5, 4.0
+"""A motion of which the robot agent lets nothing through, in so many cycles in which the robot
+stands, is not tried again for the second, s: its readings show what the published obstacles do not.
+A cycle in which it lets something through counts anew. In that time the robot turns round the other
+way. Both are chosen."""
+
+RESTS_M_S, RESTS_RAD_S = 0.02, 0.05
+"""Slower than this it stands."""
+
+Motion = tuple[int, int]
+"""The signs of v and w."""
+
+STANDS: Final[Motion] = (0, 0)
+
+
+def heeded(admitted: float) -> float:
+    """Return a behaviour's highest order after it was reduced to `admitted`, m/s."""
+    return max(HEEDS * abs(admitted), HEEDS_M_S)
+
 
 def driven_by(agent: Agent) -> str:
     """Return the person who drives by hand, by an agent's messages (`ByHand`); "" if none does."""
     return next((each.driven_by for each in agent.each_fresh(ByHand) if each.driven_by), "")
 
 
-class Behaviour(Agent, hooks=("propose",)):
+class Behaviour(Agent, hooks=("propose", "rate", "vector")):
     """An agent that competes for the wheels while there is a trajectory to follow.
 
     A subclass returns its bid in `propose`. `route` has the trajectory and the robot's progress,
@@ -96,6 +119,9 @@ class Behaviour(Agent, hooks=("propose",)):
         self._body: Body | None = None
         self._by_laser = False
         self._speeds: tuple[Speeds, Speeds] = ((0.0, 0.0), (0.0, 0.0))  # a cycle ago, and now
+        self._orders: deque[Speeds] = deque([UNKNOWN], maxlen=1)  # that its ramps may follow now
+        self._stood: Counter[Motion] = Counter()  # cycles in which it stood, by its order
+        self._refused: dict[Motion, float] = {}  # until when, s
 
     @property
     def body(self) -> Body:
@@ -124,7 +150,8 @@ class Behaviour(Agent, hooks=("propose",)):
         age = max(self.cycles.age(obstacles.cycle) or 0, 0)
         waits = 0 if self.share(WHEELS) > 0.0 else self.cycles.fresh_cycles
         cycle_s = self.body.cycle_s
-        going = ordered(self.body, *self._speeds)
+        most_v, most_w = (max(each) for each in zip(*self._orders, strict=True))
+        going = ordered(self.body, *self._speeds, (most_v, most_w))
         return Scene(self.body, going, obstacles.points, age * cycle_s, waits * cycle_s)
 
     def limited(self, v: float, w: float, obstacles: Obstacles, safety: Safety = MARGINS) -> Speeds:
@@ -142,7 +169,7 @@ class Behaviour(Agent, hooks=("propose",)):
             v, safety = self._by_sight(v, scene, safety)
         state = self.latest(RobotState)
         if state is not None and state.capped and self.drives(WHEELS, state.driver):
-            most = max(HEEDS * abs(state.admitted.v), HEEDS_M_S)
+            most = heeded(state.admitted.v)
             v = min(max(v, -most), most)
         return limit(v, w, scene, safety)
 
@@ -175,12 +202,34 @@ class Behaviour(Agent, hooks=("propose",)):
     def pose_confidence(self) -> float:
         """1 with a certain pose; else the share of `SURE_M_S` that the robot may drive."""
         pose = self.latest(Pose)
-        off = 0.0 if pose is None or self.seeks else pose.deviation
+        if pose is None or self.seeks:
+            return 1.0
+        # Along a corridor walls of the map are expected nearer by the deviation, and sensors show
+        # the walls beside. With the same deviation in both directions the two are equal.
+        off = min(pose.deviation, sqrt(2.0) * pose.deviation_across)
         return min(max((LOST_M - off) / (LOST_M - UNSURE_M), SLOWEST), 1.0)
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """Return the bid; None without one, with the reason in `why`."""
         raise NotImplementedError("propose(self, pose, obstacles) returns the bid")
+
+    def rate(self, bid: Bid | None, actions: Sequence[Speeds]) -> Sequence[float]:
+        """Return how good actions (m/s, rad/s) would be, from -1, never, to 1; none: no opinion.
+
+        For coordinations that weigh what every behaviour says of every action. By default the
+        nearer to this cycle's bid, the better.
+        """
+        if bid is None or bid.utility <= 0.0:
+            return ()
+        return near(speeds_of(bid), actions)
+
+    def vector(self, bid: Bid | None) -> Speeds:
+        """Return where the robot should move, in the body frame, of a length up to about 1.
+
+        For coordinations that sum vectors (motor schemas). By default the direction of this cycle's
+        bid.
+        """
+        return along(bid, self.body)
 
     def on_mission(self) -> None:
         """Called when a mission begins or ends."""
@@ -192,14 +241,46 @@ class Behaviour(Agent, hooks=("propose",)):
         if self._body is not None:
             self.on_body()
 
+    def refuses(self, v: float, w: float) -> bool:
+        """Return whether the robot agent lately let nothing through of such a motion of this agent.
+
+        Args:
+            v: m/s; only its sign counts.
+            w: rad/s; only its sign counts.
+        """
+        return self.now < self._refused.get(_motion(v, w), -inf)
+
+    def on_refused(self, w: float) -> None:
+        """Called when a motion is found to be refused; w: the sign of its turn, 0 if straight."""
+
+    def _note_refused(self, state: RobotState) -> None:
+        """Note which of its motions the robot agent refuses."""
+        if not self.drives(WHEELS, state.driver):
+            return
+        through = _motion(state.admitted.v, state.admitted.w) != STANDS
+        if through or not state.capped or _motion(state.v, state.w) != STANDS:
+            self._stood.clear()
+        elif not state.stalled:  # what stalls is known by `stalled`
+            motion = _motion(state.ordered.v, state.ordered.w)
+            self._stood[motion] += motion != STANDS
+            if self._stood[motion] >= REFUSED_CYCLES:
+                self._stood[motion] = 0
+                self._refused[motion] = self.now + REFUSED_FOR_S
+                self.on_refused(float(motion[1]))
+
     def on_robot_state(self, state: RobotState) -> None:
+        self._note_refused(state)
         self._speeds = self._speeds[1], (state.v, state.w)
+        # Without a driver what moves the robot is unknown: a hand, or another program.
+        admitted = abs(state.admitted.v), abs(state.admitted.w)
+        self._orders.append(admitted if state.driver else UNKNOWN)
 
     def on_description(self, description: Description) -> None:
         self._by_laser = "laser" in description.sensors
         body = Body.of(description)
         if body != self._body:
             self._body = body
+            self._orders = deque(self._orders, maxlen=ceil(body.dead_s / body.cycle_s) + 1)
             self.on_body()
 
     def on_trajectory(self, trajectory: Trajectory) -> None:
@@ -266,3 +347,9 @@ class Behaviour(Agent, hooks=("propose",)):
         if not self.seeks:
             self.route.advance(pose.x, pose.y)
         return self.propose(pose, obstacles)
+
+
+def _motion(v: float, w: float) -> Motion:
+    """The direction of speeds."""
+    ahead, left = abs(v) >= RESTS_M_S, abs(w) >= RESTS_RAD_S
+    return ahead * int(copysign(1, v)), left * int(copysign(1, w))

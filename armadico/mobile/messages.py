@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from enum import StrEnum
-from math import hypot, sqrt
+from math import cos, hypot, sin, sqrt
 from typing import Annotated, ClassVar, Final
 
 from msgspec import Meta
 
 from armadico.core.messages import (
+    Award,
     Bits64,
     Counter,
     Cycle,
@@ -24,10 +25,12 @@ from armadico.core.messages import (
     Name,
     Place,
     Point,
+    Proposal,
     Real,
     Share,
     Speed,
     Text,
+    TopSpeed,
     Turn,
     Volts,
 )
@@ -166,10 +169,24 @@ class Pose(Message, frozen=True):
         return sqrt(max(0.0, known[0] + known[3])) if len(known) == COVARIANCE else 0.0
 
     @property
+    def deviation_across(self) -> float:
+        """Standard deviation of the position square to the heading, m; 0 if unknown."""
+        if len(self.covariance) != COVARIANCE:
+            return 0.0
+        xx, xy, _, yy, _, _ = self.covariance
+        c, s = cos(self.theta), sin(self.theta)
+        return sqrt(max(0.0, s * s * xx - 2.0 * s * c * xy + c * c * yy))
+
+    @property
     def heading_deviation(self) -> float:
         """Standard deviation of the heading, rad; 0 if unknown."""
         known = self.covariance
         return sqrt(max(0.0, known[5])) if len(known) == COVARIANCE else 0.0
+
+
+Wheels = Annotated[tuple[Real, ...], Meta(max_length=6)]
+"""Lasting errors of the odometry as estimated, or nothing: what it counts too little of turns
+(rad/rad), a drift (rad/m) and of ways (m/m), and the standard deviations of these three."""
 
 
 class Correction(Message, frozen=True):
@@ -186,8 +203,10 @@ class Correction(Message, frozen=True):
     confidence: Share  # 0: lost
     elsewhere: bool = False  # the readings fit another place: remembered obstacles may be wrong
     revision: Counter = 0  # of the map that is made meanwhile, as in its grid; 0: the map is fixed
+    off_map: bool = False  # the map does not show this place: scans alone tell the motion
+    wheels: Wheels = ()
 
-    appended: ClassVar[int] = 1
+    appended: ClassVar[int] = 3
 
 
 class Particles(Message, frozen=True):
@@ -374,6 +393,18 @@ def through_unseen(stretches: Iterable[Stretch]) -> str:
     return f"{length:.1f} m of the path lead through what nobody has seen" if length else ""
 
 
+class Terms(Message, frozen=True):
+    """What a mission must keep to its end, as its orderer has said; of a program's missions.
+
+    The robot agent keeps `v_max`. The interface agent ends the mission if no instance of the agent
+    `guard`, which watches the rest, has been alive for some seconds.
+    """
+
+    by: Label = ""  # whose mission it is, as "assistant: a program"
+    v_max: TopSpeed | None = None  # m/s
+    guard: Label = ""  # empty: none has to watch it
+
+
 class Trajectory(Latched, frozen=True):
     """The mission's waypoints, the goal last; none when it has ended. A nav_msgs/Path.
 
@@ -391,8 +422,10 @@ class Trajectory(Latched, frozen=True):
     revision: Counter = 0  # of the map that the waypoints lie on, as in `Pose`
     unseen: Stretches = ()  # its parts that are driven at the speed of sight
     rule: Rule | None = None  # of the mission's request, for plans made under way
+    terms: Terms | None = None
+    by: Label = ""  # who ordered the mission
 
-    appended: ClassVar[int] = 3
+    appended: ClassVar[int] = 5
 
     @property
     def order(self) -> tuple[int, int]:
@@ -457,8 +490,9 @@ class Way(Message, frozen=True):
     leg: Counter = 0
     planned: bool = True
     unseen: Stretches = ()  # as in `Plan`
+    terms: Terms | None = None
 
-    appended: ClassVar[int] = 1
+    appended: ClassVar[int] = 2
 
 
 class MissionRequest(Order, frozen=True):
@@ -473,8 +507,10 @@ class MissionRequest(Order, frozen=True):
         0  # of the map that the waypoints were chosen on; 0: the robot's present one
     )
     rule: Rule | None = None  # None: the planner's own
+    terms: Terms | None = None
+    by: Label = ""  # the person, program or agent that orders it, for people; empty: unknown
 
-    appended: ClassVar[int] = 2
+    appended: ClassVar[int] = 4
 
 
 class MissionReply(Message, frozen=True):
@@ -499,6 +535,9 @@ class MissionState(StrEnum):
     FAILED = "failed"  # for the reason in the note
 
 
+CANCELLED: Final = "cancelled by "  # how `MissionStatus.note` of a cancelled goal begins; then, who
+UNGUARDED: Final = "nobody watches it: "  # likewise, of one without its guard (`Terms`)
+
 NO_POSE: Final = "the robot's pose is not known: no fresh encoder/pose"  # `MissionStatus.refused`
 
 UNSURE: Final = "unsure"  # the outcome of a mission that is reached with a note
@@ -511,7 +550,7 @@ class MissionStatus(Message, frozen=True):
     `armadico.agents.interface.schedule`.
     """
 
-    appended: ClassVar[int] = 2
+    appended: ClassVar[int] = 3
 
     mission: Bits64
     state: MissionState
@@ -521,6 +560,13 @@ class MissionStatus(Message, frozen=True):
     refused: Text = ""  # why the last requested goal was refused; empty: it was not
     due_s: Real | None = None  # s until it is due, negative: it is late; None: there is none
     late: Text = ""  # what delays it, for people; empty: it is not late
+    owner: Label = ""  # who ordered it and waits for it, for people; empty: unknown
+
+    @property
+    def delay(self) -> str:
+        """A sentence about a late mission, for people; "" if it is not late."""
+        of = f" of {self.owner}" if self.owner else ""
+        return f"The mission{of} is {self.late}." if self.late else ""
 
     @property
     def doubt(self) -> str:
@@ -550,6 +596,32 @@ class FleetPose(Message, frozen=True):
     front: Length
     rear: Length
     half_width: Length
+
+
+class FleetProposals(Message, frozen=True):
+    """A robot's proposals for resources between robots, where an arbiter awards these.
+
+    It has one for each open resource in a cycle of the fleet: without a utility, the robot does not
+    want it. `holds` are those that it holds.
+    """
+
+    robot: Name
+    instance: Name
+    cycle: Cycle
+    proposals: Annotated[tuple[Proposal, ...], Meta(max_length=256)] = ()
+    holds: Annotated[tuple[Name, ...], Meta(max_length=256)] = ()
+
+
+class FleetAwards(Message, frozen=True):
+    """An arbiter's decisions about resources between robots; `robot` is the one that it runs on.
+
+    An award to no robot announces the resource, or revokes it.
+    """
+
+    robot: Name
+    instance: Name
+    cycle: Cycle
+    awards: Annotated[tuple[Award, ...], Meta(max_length=256)] = ()
 
 
 # Energy -------------------------------------------------------------------------------------------
@@ -625,6 +697,8 @@ query(MissionRequest, "mission/request", MissionReply, "go to a goal")
 state(MissionStatus, "mission/status", 1, None, "the mission's progress; 5 Hz under way")
 share("fleet")
 state(FleetPose, "fleet/{robot}/pose", 5, None, "a robot, for the others to avoid")
+event(FleetProposals, "fleet/{robot}/proposals", "what a robot proposes to an arbiter", rate_hz=1)
+event(FleetAwards, "fleet/{robot}/awards", "an arbiter's decision between robots", rate_hz=1)
 event(BatteryAlarm, "battery/alarm", "the battery must be charged soon")
 state(BatteryLevel, "battery/level", 0.2, None, "the battery; more often towards 10 V")
 state(Truth, "sim/truth", 10, None, "the simulated robot's true pose", watchers_only=True)

@@ -112,15 +112,16 @@ class Body(NamedTuple):
         return w * (self.dead_s + self.silence_s + waited) + w * w / (2.0 * self.w_decel)
 
 
-def ordered(body: Body, before: Speeds, now: Speeds) -> Speeds:
+def ordered(body: Body, before: Speeds, now: Speeds, most: Speeds = (inf, inf)) -> Speeds:
     """Return the (v, w) of the ramps when `now` is measured, and `before` a cycle earlier.
 
     The wheels follow `Body.dead_s` late. While they accelerate, the trend is extrapolated by that
-    time, at most as steep as the ramps. While they brake, it is not.
+    time, at most as steep as the ramps, and to `most`: no ramp goes beyond the largest order of
+    that time. While they brake, it is not.
     """
     return (
-        _leads(before[0], now[0], body.v_accel, body),
-        _leads(before[1], now[1], body.w_accel, body),
+        _leads(before[0], now[0], body.v_accel, body, most[0]),
+        _leads(before[1], now[1], body.w_accel, body, most[1]),
     )
 
 
@@ -132,10 +133,11 @@ def ramped(body: Body, now: Speeds, to: Speeds, after: float) -> Speeds:
     )
 
 
-def _leads(before: float, now: float, accel: float, body: Body) -> float:
+def _leads(before: float, now: float, accel: float, body: Body, most: float) -> float:
     if abs(now) <= abs(before) or now * before < 0.0:
         return now
     lead = min(abs(now - before) / body.cycle_s, accel) * body.dead_s
+    lead = min(lead, max(most - abs(now), 0.0))
     return now + lead if now > 0.0 else now - lead
 
 
@@ -215,9 +217,10 @@ def touches_at(
         return inf
     px, py = near[:, 0], near[:, 1]
     beside = clearances(body.outline, px, py)
-    # The slack shrinks with the distance: else a robot that is told to drive on would come nearer
-    # by it in each cycle, until it touches.
-    slack = ROUNDING_M + NO_NEARER_M * np.clip(beside / (margin or 1.0), 0.0, 1.0)
+    # The slack shrinks with the distance, to none within half of the margin, by which a point may
+    # be wrong: else a robot that is told to drive on would come nearer by it in each cycle, until
+    # it touches.
+    slack = ROUNDING_M + NO_NEARER_M * np.clip(2.0 * beside / (margin or 1.0) - 1.0, 0.0, 1.0)
     least = np.minimum(margin, beside - slack)
     way = course(body, measured, wanted, waited)
     x, y, c, s, _ = np.array(way).reshape(-1, 5, 1).transpose(1, 0, 2)

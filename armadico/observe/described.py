@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 
 from armadico.core.judgement import Answer
+from armadico.core.membership import agent_of
 from armadico.core.messages import plain
 from armadico.core.services import service_at
 from armadico.mobile.errand import Progress
@@ -18,7 +19,7 @@ from armadico.mobile.messages import unseen_m
 from armadico.observe.diagnosis import diagnose
 from armadico.observe.findings import Demand, short, summary
 from armadico.observe.standing import standing
-from armadico.observe.view import Seen, View, agent_of, speed
+from armadico.observe.view import Seen, View, speed
 
 Section = dict[str, Any]
 
@@ -60,6 +61,7 @@ def pose(view: View, now: float) -> Section | None:
         "deviation_m": at.deviation if known else None,
         "deviation_rad": at.heading_deviation if known else None,
         "confidence": view.confidence(now),
+        "off_map": view.off_map(now),
         "lost_s": None if view.lost_since is None else round(now - view.lost_since, 1),
         "pose_text": view.pose_text(now),
     }
@@ -92,6 +94,7 @@ def mission(view: View) -> Section | None:
         "note": status.note,
         "due_s": status.due_s,
         "late": status.late,
+        "owner": status.owner,
         "unseen_m": 0.0 if view.trajectory is None else unseen_m(view.trajectory.unseen),
     }
 

@@ -8,16 +8,19 @@ the answer unknown. Silence counts as evidence only once it has been observed fo
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from statistics import median
 from typing import Final
 
 from armadico.core.judgement import Answer
-from armadico.core.messages import PROTOCOL, Card, RobotState
+from armadico.core.mechanisms import deciding, mixed, mixture
+from armadico.core.membership import agent_of
+from armadico.core.messages import BALLOTS, PROTOCOL, Card, MonitorReport, RobotState
 from armadico.core.resources import WHEELS
-from armadico.core.services import QUIET_S, Kind, service_at, service_of
-from armadico.mobile.messages import MissionState
+from armadico.core.services import QUIET_S, Kind, matches, service_at, service_of
+from armadico.core.shared import is_shared
+from armadico.mobile.messages import MissionState, PlanRequest, Pose
 from armadico.observe.findings import (
     NOTHING,
     UP,
@@ -27,8 +30,8 @@ from armadico.observe.findings import (
     fine,
     open_question,
 )
-from armadico.observe.standing import SEEN_S, lost, standing
-from armadico.observe.view import WINDOW_S, View, agent_of
+from armadico.observe.standing import SEEN_S, lost, standing, unready
+from armadico.observe.view import WINDOW_S, View
 
 SKEW_S: Final = 2.0
 """Larger clock offsets are reported; it includes the delay of a reply."""
@@ -49,6 +52,9 @@ not. A busy machine slows all of them alike."""
 FAST_HZ: Final = 5.0
 """Rates below this are not compared within an observer's few seconds."""
 
+
+EXPLORES: Final = "explore/status"
+"""The key of an agent that plans its own paths on the map it makes."""
 
 LONGER: Final = "observe the society for longer"
 
@@ -71,6 +77,10 @@ def diagnose(view: View, demand: Demand = NOTHING, now: float = 0.0) -> tuple[Fi
         for each in check(case):
             found.setdefault((each.sort, each.who), each)
     return tuple(found.values())
+
+
+OF_HOSTS: Final = frozenset({Sort.ABSENT, Sort.HOST, Sort.SILENT})
+"""The codes on which a `HostState` depends."""
 
 
 @dataclass(frozen=True)
@@ -151,6 +161,17 @@ class _Case:
     def owners(self) -> list[Card]:
         """The cards of the robot agents."""
         return [card for card in self.cards if WHEELS.name in card.owns]
+
+    @property
+    def lacks_pose(self) -> bool:
+        """Whether no fresh pose was received."""
+        at = self.view.pose_at
+        return at is None or self.now - at > max(service_of(Pose).stale_after_s, QUIET_S)
+
+
+def _asks(card: Card, key: str) -> bool:
+    """Whether an agent receives a key from other agents."""
+    return key not in card.provides and any(matches(each, key) for each in card.requests)
 
 
 # Roots: if one of these is found, nothing else can be checked -------------------------------------
@@ -279,13 +300,13 @@ def _answers(case: _Case, instance: str) -> Iterator[Finding]:
 
 
 def _versions(case: _Case) -> Iterator[Finding]:
-    usual = Counter(card.version for card in case.cards if card.version).most_common(1)
+    usual = Counter(card.version for card in case.cards if card.ours).most_common(1)
     for card in case.cards:
         todo = f"install the same armadico on {card.host} as on the other hosts"
         if card.speaks != PROTOCOL:
             what = f"{card.name} on {card.host} uses protocol {card.speaks}, this machine"
             yield Finding(Sort.VERSION, card.name, f"{what} {PROTOCOL}.", todo)
-        elif card.version and card.version != usual[0][0]:
+        elif card.ours and card.version != usual[0][0]:
             what = f"{card.name} on {card.host} has version {card.version}, others {usual[0][0]}."
             yield Finding(Sort.VERSION, card.name, what, todo)
 
@@ -302,6 +323,10 @@ def _tables(case: _Case) -> Iterator[Finding]:
         tables = "; ".join(f"{', '.join(sorted(of[digest]))}: {digest}" for digest in sorted(of))
         todo = "copy one table to all hosts, and start their agents again"
         yield Finding(Sort.TABLE, "", f"Hosts have different host tables ({tables}).", todo)
+    elif case.demand.table and not any(card.table for card in case.cards):
+        what = "Whether the hosts have this host table is not known: no agent has named one."
+        todo = "start the agents by `armadico up --hosts TABLE`" if case.view.complete else LONGER
+        yield open_question(Sort.TABLE, "", what, todo)
     elif of:
         yield fine(Sort.TABLE, "", f"All have the same host table ({next(iter(of))}).")
 
@@ -317,6 +342,17 @@ def _twice(case: _Case) -> Iterator[Finding]:
         if not {card.instance for card in robots}.issuperset(publishers):
             what = f"{key} is published by {' and '.join(publishers)}: subscribers receive both."
             yield Finding(Sort.TWICE, key, what, todo)
+
+
+def _mechanisms(case: _Case) -> Iterator[Finding]:
+    """Resources for which agents compete by different coordination mechanisms."""
+    todo = "start all of them with the same --coordination"
+    for resource, by in mixed(case.cards).items():
+        what = mixture(resource, by)
+        yield Finding(Sort.MIXED, resource, f"{what[0].upper()}{what[1:]}.", todo)
+    decides = deciding(case.cards)
+    if len(decides) == 1 and BALLOTS not in decides:
+        yield fine(Sort.MIXED, WHEELS.name, f"The mechanism {decides[0]} decides who drives.")
 
 
 def _simulators(case: _Case) -> Iterator[Finding]:
@@ -383,11 +419,24 @@ def _standing(case: _Case) -> Iterator[Finding]:
         yield found.cause
 
 
+def _ready(case: _Case) -> Iterator[Finding]:
+    """What would keep a robot from driving that stands for another cause, such as no goal."""
+    yield from unready(case.view, case.now, case.demand)
+    asked = {key for card in case.cards for key in card.requests}
+    offered = {key for card in case.cards for key in card.provides}
+    key = service_of(PlanRequest).key
+    # An exploration finds its ways by itself.
+    if key in asked - offered and EXPLORES not in offered and case.view.complete:
+        what = f"No agent that provides {key} is alive: goals are reached in a straight line only."
+        yield fine(Sort.ABSENT, key, what, "start `path-planning`, or use `armadico goto --direct`")
+
+
 def _late(case: _Case) -> Iterator[Finding]:
     mission = case.view.mission
     if mission is not None and mission.late and mission.state is MissionState.DRIVING:
-        what = f"The mission is {mission.late}."
-        yield Finding(Sort.LATE, "", what, "`armadico why --live` shows what each agent bids")
+        yield Finding(
+            Sort.LATE, "", mission.delay, "`armadico why --live` shows what each agent bids"
+        )
 
 
 def _by_hand(case: _Case) -> Iterator[Finding]:
@@ -419,10 +468,22 @@ def _robot(case: _Case) -> Iterator[Finding]:
 
 
 def _pose(case: _Case) -> Iterator[Finding]:
-    pose = case.view.pose
-    if pose is None:
-        return
-    if not pose.covariance:
+    pose, at, key = case.view.pose, case.view.pose_at, service_of(Pose).key
+    if pose is None or case.lacks_pose:
+        if not case.owners:
+            return
+        since = "was received" if at is None else f"for {case.now - at:.1f} s"
+        what = f"The pose is not known: no {key} {since}."
+        asking = [card for card in case.cards if _asks(card, key)]
+        if at is None:  # some agents use a pose if there is one
+            asking = [card for card in asking if not _works(case, card)]
+        if asking or not case.view.complete:
+            todo = "start an agent that provides it, or see its log"
+            yield open_question(Sort.POSE, "", what, todo)
+        elif not any(key in card.provides for card in case.cards):
+            what = f"No agent needs the pose ({key}), and none provides it."
+            yield fine(Sort.POSE, "", what)
+    elif not pose.covariance:
         todo = "an agent that localizes on a map makes it known"
         yield fine(Sort.POSE, "", "The pose is from odometry alone; its error grows.", todo)
     elif (where := lost(case.view, case.now)) is not None:
@@ -434,7 +495,11 @@ def _pose(case: _Case) -> Iterator[Finding]:
 def _rates(case: _Case) -> Iterator[Finding]:
     """Agents that publish too seldom while the robot's cycles are regular."""
     view, key = case.view, service_of(RobotState).key
-    if case.age_s < WINDOW_S / 2 or not view.state_is_fresh(case.now):
+    if not view.state_is_fresh(case.now):
+        return
+    if case.age_s < WINDOW_S / 2:
+        what = f"Rates are not known after {case.age_s:.1f} s."
+        yield open_question(Sort.SLOW, "", what, LONGER)
         return
     robot = _share(case, key)
     if robot is not None and robot < SLOW:
@@ -442,13 +507,27 @@ def _rates(case: _Case) -> Iterator[Finding]:
         what = f"{owner} publishes {100 * robot:.0f} % of its cycles: it is slow, or its line is."
         yield Finding(Sort.SLOW, owner, what, "check the load of its machine, and its line")
         return
+    quiet = _quiet(case)
     for card in case.cards:
+        follows = _follows(case, card, quiet)
         for each in card.provides:
+            if follows and (_is_mute(case, each) or _stopped(case, each)):
+                continue
+            if _is_mute(case, each):
+                since = max(view.alive.get(card.instance, case.now), view.rates[key].since)
+                mute_s = min(case.now - since, case.age_s)
+                what = f"{card.name} is alive, and has published no {each} in {mute_s:.1f} s."
+                if mute_s < WINDOW_S / 2:  # it has just started, or the robot has
+                    yield open_question(Sort.STARTING, card.name, what, LONGER)
+                    continue
+                todo = f"see `armadico logs {card.name}`; check the network of {card.host}"
+                yield Finding(Sort.SILENT, card.name, what, todo)
+                continue
             share = _share(case, each)
             if share is not None and share < SLOW and each not in view.doubled and each != key:
-                silent = view.rates[each].last or 0.0
-                if case.now - silent > QUIET_S:
-                    what = f"{card.name} stopped publishing {each} {case.now - silent:.1f} s ago."
+                if _stopped(case, each):
+                    silent_s = case.now - (view.rates[each].last or 0.0)
+                    what = f"{card.name} stopped publishing {each} {silent_s:.1f} s ago."
                     todo = f"see `armadico logs {card.name}`; check the network of {card.host}"
                     yield Finding(Sort.SILENT, card.name, what, todo)
                 else:
@@ -457,22 +536,89 @@ def _rates(case: _Case) -> Iterator[Finding]:
                     yield Finding(Sort.SLOW, card.name, what, todo)
 
 
+def _quiet(case: _Case) -> list[tuple[str, Card]]:
+    """The fast keys on which nothing is published, with the agents that promise it."""
+    return [
+        (key, card)
+        for card in case.cards
+        for key in card.provides
+        if _is_mute(case, key) or _stopped(case, key)
+    ]
+
+
+def _follows(case: _Case, card: Card, quiet: Sequence[tuple[str, Card]]) -> bool:
+    """Whether an input of an agent is silent or absent, so that its own silence is no fault.
+
+    Of agents that wait for each other none follows the others, or no finding would be left.
+    """
+    if case.lacks_pose and _asks(card, service_of(Pose).key):
+        return True
+    before = _before(card, quiet)
+    return any(card.instance not in _before(each, quiet) for each in before.values())
+
+
+def _before(card: Card, quiet: Sequence[tuple[str, Card]]) -> dict[str, Card]:
+    """The agents, by instance, for whose silent keys an agent waits, directly or through others."""
+    found: dict[str, Card] = {}
+    left = [card]
+    while left:
+        asking = left.pop()
+        for key, by in quiet:
+            if by.instance not in found and _asks(asking, key):
+                found[by.instance] = by
+                left.append(by)
+    return found
+
+
 def _share(case: _Case, key: str) -> float | None:
     """The rate on a key over the promised one; None if it is not fast, or not known yet."""
-    rate, service = case.view.rates.get(key), service_at(key)
-    if rate is None or service is None or service.kind is not Kind.STATE:
-        return None
-    regular = service.rate_hz is not None and service.rate_hz >= FAST_HZ
-    if not regular or rate.count < FAST_HZ or service.watchers_only:
+    rate, promised = case.view.rates.get(key), _promised_hz(key)
+    if rate is None or promised is None or rate.count < FAST_HZ:
         return None
     hz = rate.hz(case.now)
-    return None if hz is None or service.rate_hz is None else hz / service.rate_hz
+    return None if hz is None else hz / promised
+
+
+def _is_mute(case: _Case, key: str) -> bool:
+    """Whether nothing was published on a key that promises a fast rate."""
+    if "*" in key or is_shared(key):  # keys that robots share are not observed
+        return False
+    return _promised_hz(key) is not None and key not in case.view.rates
+
+
+def _works(case: _Case, card: Card) -> bool:
+    """Whether an agent promises fast keys and publishes all of them."""
+    fast = [key for key in card.provides if _promised_hz(key) is not None]
+    seen = case.view.rates.keys() & fast
+    return bool(fast) and len(seen) == len(fast) and not any(_stopped(case, key) for key in fast)
+
+
+def _stopped(case: _Case, key: str) -> bool:
+    """Whether a fast key was published, and is no longer."""
+    share = _share(case, key)
+    if share is None or share >= SLOW or key in case.view.doubled:
+        return False
+    return case.now - (case.view.rates[key].last or 0.0) > QUIET_S
+
+
+def _promised_hz(key: str) -> float | None:
+    """The rate that the publisher of a state promises; None if it is not fast or not regular."""
+    service = service_at(key)
+    if service is None or service.kind is not Kind.STATE or service.watchers_only:
+        return None
+    return service.rate_hz if (service.rate_hz or 0.0) >= FAST_HZ else None
 
 
 def _monitors(case: _Case) -> Iterator[Finding]:
     """The active monitor and its last action; the others stand by."""
     reports = [r for r in case.view.reports.values() if r.instance in case.view.alive]
     acting = [report for report in reports if report.acts]
+    heard = {report.instance for report in reports}
+    for card in case.cards:
+        key = service_of(MonitorReport).key_for(instance=card.instance)
+        if key in card.provides and card.instance not in heard:
+            what = f"{card.name} has not reported yet which agents are missing."
+            yield open_question(Sort.MONITOR, card.instance, what, LONGER)
     if reports and not acting:
         what = f"{len(reports)} monitors stand by, and none is active: no agent is restarted."
         yield open_question(Sort.MONITOR, "", what, "wait a second; then read their logs")
@@ -496,13 +642,22 @@ def _promises(case: _Case) -> Iterator[Finding]:
 
 def _clocks(case: _Case) -> Iterator[Finding]:
     off = [host for host in case.hosts if host.skew]
+    known = [host for host in case.hosts if host.clock_s is not None]
+    cards = case.view.cards
+    ours = {case.host_of(i) for i in case.view.alive if i not in cards or cards[i].ours}
+    quiet = [host.name for host in case.hosts if known and host.agents and host not in known]
+    unread = [name for name in quiet if name in ours]
     for host in off:
         what = f"{host.name}: {host.skew}. Driving does not depend on it; the order of log lines"
         what += " of several machines does."
         todo = "run `timedatectl` or `chronyc tracking` on each machine"
         yield Finding(Sort.CLOCK, host.name, what, todo)
-    if not off and any(host.clock_s is not None for host in case.hosts):
-        yield fine(Sort.CLOCK, "", f"Clocks are within {SKEW_S:g} s of this machine's.")
+    if unread:
+        what = f"The clock of {', '.join(unread)} is not known: no card from there has it."
+        yield open_question(Sort.CLOCK, "", what, "run `timedatectl` there, and here")
+    elif known and not off:
+        without = f"; {', '.join(quiet)} gives none" if quiet else ""
+        yield fine(Sort.CLOCK, "", f"Clocks are within {SKEW_S:g} s of this machine's{without}.")
 
 
 Check = Callable[[_Case], Iterator[Finding]]
@@ -510,14 +665,21 @@ Check = Callable[[_Case], Iterator[Finding]]
 ROOTS: Final[tuple[Check, ...]] = (_router, _nobody, _deaf)
 
 CHECKS: Final[tuple[Check, ...]] = (
-    *(_hosts, _agents, _versions, _tables, _twice, _simulators, _open, _keys, _expiry, _faults),
-    *(_standing, _late, _by_hand, _robot, _pose, _rates, _promises, _monitors, _clocks),
+    *(_hosts, _agents, _versions, _tables, _twice, _mechanisms, _simulators, _open, _keys),
+    *(_expiry, _faults),
+    *(_standing, _ready, _late, _by_hand, _robot, _pose, _rates, _promises, _monitors, _clocks),
 )
 
 
-def settled(findings: Iterable[Finding]) -> bool:
-    """Whether a longer observation would change no finding from unknown to yes or no."""
+def settled(findings: Iterable[Finding], of: Container[Sort] | None = None) -> bool:
+    """Whether a longer observation would change no finding from unknown to yes or no.
+
+    Args:
+        findings: The diagnosis.
+        of: The codes that matter; None: all.
+    """
     return not any(
         f.answer is Answer.UNKNOWN and (f.sort in (Sort.STARTING, Sort.UNKNOWN) or f.todo == LONGER)
         for f in findings
+        if of is None or f.sort in of
     )

@@ -52,6 +52,7 @@ class Sort(StrEnum):
     VERSION = "version"  # of the program, or of its protocol
     TABLE = "table"  # host tables
     TWICE = "twice"  # two agents or simulators publish the same
+    MIXED = "mechanisms"  # agents compete for a resource by different coordination mechanisms
     FAULT = "reported"  # an agent reports that it cannot work, or distrusts its inputs
     HAND = "by hand"  # a person drives
     BATTERY = "battery"

@@ -29,6 +29,7 @@ from armadico.config.worlds import load_world
 from armadico.core import journal as j
 from armadico.core.agent import Agent
 from armadico.core.journal import FORMAT, NOTHING, READABLE, START, TAKE
+from armadico.core.membership import agent_of
 from armadico.core.messages import (
     OLDEST,
     PROTOCOL,
@@ -299,7 +300,7 @@ class _Piece(NamedTuple):
 def without(namespace: str, instance: str) -> Journal:
     """The empty journal of an agent that was alive, but of which no piece was recorded."""
     why = "it kept no journal: start agents with --journal, or use run --record"
-    return Journal(namespace, instance.rpartition("-")[0], instance, None, why, Frames())
+    return Journal(namespace, agent_of(instance), instance, None, why, Frames())
 
 
 def _journal(
@@ -308,7 +309,7 @@ def _journal(
     pieces: Mapping[int, _Piece],
     read: Callable[[Iterable[Place]], Iterator[bytes]],
 ) -> Journal:
-    name, fault = instance.rpartition("-")[0], ""
+    name, fault = agent_of(instance), ""
     first, last = min(pieces), max(pieces)
     if first:
         fault = "the recording began after the agent started: its journal's beginning is missing"

@@ -22,6 +22,7 @@ from msgspec import Struct
 
 from armadico.core.hands import release
 from armadico.core.judgement import Judgement, all_of, no, unknown, yes
+from armadico.core.membership import agent_of
 from armadico.core.messages import Ack, Award, Claim, Command, Description, Message, RobotState
 from armadico.core.resources import WHEELS
 from armadico.core.services import derived
@@ -43,7 +44,7 @@ from armadico.mobile.messages import (
 )
 from armadico.observe.conditions import Conditions
 from armadico.observe.ground_truth import AGAIN, START, GroundTruth
-from armadico.observe.view import View, agent_of
+from armadico.observe.view import View
 
 REACHED_M = 0.15
 REACHED_RAD = radians(5.0)

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Final, Never, cast
+from typing import ClassVar, Final, Never, Protocol, cast
 
 from armadico.core import guest
 from armadico.core.messages import Message
 from armadico.core.services import service_of
+from armadico.mesh.base import Mesh
 from armadico.observe.jsons import Json
 from armadico.observe.page_requests import Asked, RequestError, Start
 from armadico.observe.view import View
@@ -33,7 +34,7 @@ class Put:
     """A query; its reply goes to `Desk.on_reply` with its number."""
 
     number: int
-    key: str
+    key: str  # "": that of the message's service
     message: Message
     reply: type[Message]
     timeout: float
@@ -48,6 +49,7 @@ class Answer:
     ok: bool
     text: str
     over: bool = True  # False: a further answer follows
+    more: Json = None  # data for the page
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,27 @@ class Spawn:
     agent: str
 
 
-Out = Publish | Put | Answer | Spawn
+class Works(Protocol):
+    """What a browser asks for and what takes seconds, on a thread of its own."""
+
+    def __call__(self, mesh: Mesh) -> tuple[str, Json]:
+        """Return a sentence and data for the page. Raises ConfigError.
+
+        Args:
+            mesh: The robot's, open, which receives for the page meanwhile.
+        """
+
+
+@dataclass(frozen=True)
+class Work:
+    """Work for a browser; its answer comes when it has ended."""
+
+    browser: str
+    id: int
+    run: Works
+
+
+Out = Publish | Put | Answer | Spawn | Work
 
 
 @dataclass(frozen=True)
@@ -90,6 +112,10 @@ class Desk:
         """Start an agent beside the page; the session answers the request."""
         self._out.append(Spawn(browser, number, agent))
 
+    def work(self, browser: str, number: int, run: Works) -> None:
+        """Have something done that takes seconds; the session answers the request then."""
+        self._out.append(Work(browser, number, run))
+
     def answer(self, browser: str, number: int, ok: bool, text: str, *, over: bool = True) -> None:
         self._out.append(Answer(browser, number, ok, text, over))
 
@@ -112,7 +138,7 @@ class Desk:
         assert service.reply is not None, "it is a query"
         self._number += 1
         self._waiting[self._number] = _Waiting(browser, number, describe)
-        put = Put(self._number, key or service.key, message, service.reply, timeout)
+        put = Put(self._number, key, message, service.reply, timeout)
         self._out.append(put)
 
     def on_reply(self, number: int, reply: Message | None) -> None:

@@ -12,7 +12,7 @@ publishes nothing.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from msgspec import Struct
@@ -20,14 +20,25 @@ from msgspec import Struct
 from armadico.core.agent import WARNING
 from armadico.core.cycles import PERIOD
 from armadico.core.hands import release
-from armadico.core.messages import BidRecord, Cycle, LogEvent, RobotState, protocols
+from armadico.core.membership import agent_of
+from armadico.core.messages import (
+    BALLOTS,
+    Award,
+    BidRecord,
+    Card,
+    Cycle,
+    Description,
+    LogEvent,
+    RobotState,
+    protocols,
+)
 from armadico.core.resources import WHEELS, differently
-from armadico.core.services import QUIET_S, matches, service_of
+from armadico.core.services import QUIET_S, matches, service_at, service_of
 from armadico.mobile.behaviour import LOST_M
-from armadico.mobile.messages import MissionState, Pose
+from armadico.mobile.messages import MissionState, MissionStatus, Pose, Trajectory
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe.findings import NOTHING, Demand, Finding, Sort, cause
-from armadico.observe.view import FRESH_CYCLES, RESTS, View, agent_of, speed
+from armadico.observe.view import FRESH_CYCLES, RESTS, View, speed
 
 # A bid older than this many cycles is outdated: bids are queried once per second.
 MISSED: Final = 15
@@ -77,6 +88,15 @@ def standing(view: View, now: float, demand: Demand = NOTHING) -> Standing:
     if found is not None:
         chain.close(found)
     return Standing(found is not None, chain.sentences, found)
+
+
+def unready(view: View, now: float, demand: Demand = NOTHING) -> list[Finding]:
+    """What would keep every contender from driving, whatever keeps the robot now.
+
+    A robot without a goal stands for want of one, and nothing else is wrong with it only if agents
+    that could drive are alive and receive what they ask for.
+    """
+    return list(_Chain(view, now, demand).unready())
 
 
 class _Chain:
@@ -220,6 +240,30 @@ class _Chain:
             return self.absent(gone)
         return self.end(Sort.UNKNOWN, "", "No contender has reported a missing input.")
 
+    def unready(self) -> Iterator[Finding]:
+        """The causes why no contender could drive, by what all of them ask for."""
+        view = self.view
+        if view.state is None or self.silent(service_of(RobotState).key):
+            return
+        cards = [a.card for a in view.agents if a.card and WHEELS.name in a.card.resources]
+        if not cards:
+            yield self._no_contender()
+        asked = {each for card in cards for each in card.requests}
+        own = [service_of(kind).key for kind in (Description, Pose)]
+        wanted = [k for k in (*own, *self._obstacles()) if any(matches(a, k) for a in asked)]
+        if service_of(Trajectory).pattern in asked:  # of goals, which an agent has to take
+            wanted.append(service_of(MissionStatus).key)
+        for key in wanted:
+            if not self.silent(key) or key in self._followed:
+                continue
+            service = service_at(key)
+            allowed = SEEN_S if service is None else max(service.deadline_s or 0.0, SEEN_S)
+            if view.age(self.now) <= allowed:
+                what = f"{key} was not received in {view.age(self.now):.1f} s."
+                yield self.end(Sort.STARTING, key, what)
+            else:
+                yield self.lacking(key, "")
+
     def _driven(self, driver: str) -> Finding:
         view, name = self.view, agent_of(driver)
         claim = view.claim(WHEELS.name, self.now)
@@ -359,8 +403,8 @@ class _Chain:
         times += [line.at for line in self.view.logs if line.instance == instance]
         return max(times) > since + QUIET_S
 
-    def _unobeyed(self, instance: str, bid: BidRecord) -> Finding:
-        """The cause if an agent bids, but is not obeyed."""
+    def _unobeyed(self, instance: str, bid: BidRecord) -> Finding | None:
+        """The cause if an agent bids, but is not obeyed; None: an arbiter has the cause."""
         name = agent_of(instance)
         self.add(f"bids {bid.utility:.2f}, but is not obeyed.", name)
         if foreign := self._foreign(instance):
@@ -372,8 +416,27 @@ class _Chain:
         if (bids := self.view.bids_for(instance, WHEELS.name, self.now)) < YOUNG_S:
             what = f"{name} has bid for only {bids:.1f} s."
             return self.end(Sort.STARTING, name, what)
+        card = self.view.cards.get(instance)
+        decides = BALLOTS if card is None or _awards(card) else card.mechanism_of(WHEELS.name)
+        if decides != BALLOTS:  # it commands nothing itself
+            return self._undecided(decides)
         what = f"Commands from {name} do not reach {to}."
         return self.end(Sort.LINK, f"{name} -> {to}", what, "check the network between them")
+
+    def _undecided(self, mechanism: str) -> Finding | None:
+        """Why nobody decides about the bids of agents under an arbiter.
+
+        None if an arbiter is alive: it competes, too, and has its own cause.
+        """
+        view, cards = self.view, self.view.cards
+        arbiters = {instance for instance, card in cards.items() if _awards(card)}
+        if arbiters & view.alive.keys():
+            return None
+        if gone := [instance for instance in view.gone if instance in arbiters]:
+            return self.absent(gone)
+        what = f"No arbiter is alive that decides by {mechanism} about {WHEELS.name}."
+        todo = f"`armadico up --coordination {mechanism}` starts one"
+        return self.end(Sort.ABSENT, mechanism, what, todo)
 
     def _foreign(self, instance: str) -> str:
         """Why the other agents ignore an instance, by their cards; empty if they do not."""
@@ -458,6 +521,12 @@ class _Chain:
             return self.absent(gone)
         missing = {n for r in self.view.reports.values() if r.acts for n in r.missing}
         able = tuple(self._installed(key))
+        if unknown := [i for i in self.view.alive if i not in self.view.cards]:
+            if likely := [i for i in unknown if agent_of(i) in able]:
+                return self.quiet(likely[0], key)
+            names = ", ".join(sorted({agent_of(i) for i in unknown}))
+            what = f"Which agent provides {key} is not known: {names} has not answered."
+            return self.end(Sort.STARTING, key, what)
         named = [n for n in able if n in missing] or [n for n in able if n not in self.view.names]
         what = f"No agent that provides {key} is alive."
         if away := self._host_down(able):
@@ -603,8 +672,17 @@ def lost(view: View, now: float) -> Finding | None:
     """That the pose is too uncertain to drive; None if it is not, or not known."""
     if view.pose is None or view.pose.deviation <= LOST_M:
         return None
+    if view.off_map(now):
+        todo = "drive it back to what the map shows, or map this place too"
+        return Finding(Sort.LOST, "", f"The robot is {view.pose_text(now)}.", todo)
     todo = "wait until an agent has localized it; check that it is within the map"
     return Finding(Sort.LOST, "", f"The robot is lost: {view.pose_text(now)}.", todo)
+
+
+def _awards(card: Card) -> bool:
+    """Whether an agent is an arbiter of the wheels."""
+    key = service_of(Award).key_for(resource=WHEELS.name, instance=card.instance)
+    return key in card.provides
 
 
 def _reachable(host: str) -> str:

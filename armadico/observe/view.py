@@ -16,6 +16,7 @@ from statistics import mean, pstdev
 from typing import Final, NamedTuple, TypeVar, cast
 
 from armadico.core.cycles import PERIOD
+from armadico.core.membership import agent_of
 from armadico.core.messages import (
     Ack,
     Award,
@@ -60,11 +61,6 @@ LINES: Final = 200  # log lines
 EXCHANGES: Final = 100
 
 AGAIN: Final = 3  # a truth that goes back so often in the window is of two simulators
-
-
-def agent_of(instance: str) -> str:
-    """The name of the agent in an instance identifier."""
-    return instance.rpartition("-")[0] or instance
 
 
 def driver(ack: Ack) -> str | None:
@@ -322,6 +318,11 @@ class View:
         return self._newest_of(Pose)
 
     @property
+    def pose_at(self) -> float | None:
+        """When the newest pose arrived, s."""
+        return self._latest[Pose][1] if Pose in self._latest else None
+
+    @property
     def description(self) -> Description | None:
         return self._newest_of(Description)
 
@@ -364,6 +365,12 @@ class View:
     def agents(self) -> list[Seen]:
         """The live instances, sorted by name."""
         return sorted(Seen(agent_of(each), each, self.cards.get(each)) for each in self.alive)
+
+    @property
+    def world(self) -> str:
+        """The name of the map on the cards of live agents, if all have the same; else ""."""
+        worlds = {card.world for _, _, card in self.agents if card is not None and card.world}
+        return worlds.pop() if len(worlds) == 1 else ""
 
     @property
     def complete(self) -> bool:
@@ -429,12 +436,19 @@ class View:
         correction = self._recent(Correction, now)
         return None if correction is None else correction.confidence
 
+    def off_map(self, now: float) -> bool:
+        """Whether the map does not show the place of the robot, which is not lost."""
+        correction = self._recent(Correction, now)
+        return correction is not None and correction.off_map
+
     def pose_text(self, now: float) -> str:
         """The uncertainty of the pose as text; empty if it is not known."""
         pose = self.pose
         if pose is None or not pose.covariance:
             return ""
         off = f"+-{pose.deviation:.2f} m"
+        if self.off_map(now):
+            return f"off the map, {off}, +-{degrees(pose.heading_deviation):.0f} deg"
         if self.lost_since is not None:
             return f"LOST for {max(0.0, now - self.lost_since):.0f} s, {off}"
         sure = self.confidence(now)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import queue
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from enum import Enum
 from functools import cache
 from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
@@ -20,7 +20,7 @@ from msgspec import inspect
 from armadico.core.messages import Ask, Card, JournalRequest, Message, MessageError, decode
 from armadico.core.services import BIDS, CARD, Kind, service_at, service_of
 from armadico.observe.diagnosis import diagnose, settled
-from armadico.observe.findings import NOTHING, Demand, Finding
+from armadico.observe.findings import NOTHING, Demand, Finding, Sort
 from armadico.observe.jsons import JsonObject
 from armadico.observe.view import View
 
@@ -35,6 +35,7 @@ QUERY_S: Final = 1.0  # interval of the queries for cards and bids
 LEAST_S: Final = 1.2  # within this time each description, mission status and card has arrived
 MOST_S: Final = 4.5  # longest observation of a short command
 EVERYTHING: Final = "**"
+_EMPTY: Final = Ask()
 HEX: Final = "_hex"  # suffix of the name of a field of bytes, written as hexadecimal text
 
 
@@ -96,12 +97,11 @@ class Watcher:
         for mesh in self.meshes:
             mesh.watch_router(lambda there: view.router(there=there, t=self.clock() / 1e9))
 
-    def query(self, pattern: str, timeout: float) -> None:
-        """Send an empty query; the replies are queued as they arrive."""
+    def query(self, pattern: str, timeout: float, request: Message = _EMPTY) -> None:
+        """Send a query, by default an empty one; the replies are queued as they arrive."""
         for mesh in self.meshes:
-            mesh.query(
-                pattern, Ask(), timeout, self._receiver(mesh.namespace, on_query=True), lambda: None
-            )
+            receiver = self._receiver(mesh.namespace, on_query=True)
+            mesh.query(pattern, request, timeout, receiver, lambda: None)
 
     def query_piece(self, namespace: str, instance: str, number: int, timeout: float) -> None:
         """Query a piece of an instance's journal again."""
@@ -243,11 +243,13 @@ class Observer:
             if arrived.at > over:
                 break
 
-    def settle(self, least_s: float = LEAST_S, most_s: float = MOST_S) -> tuple[Finding, ...]:
-        """The diagnosis, as soon as a longer observation would not change it."""
+    def settle(
+        self, least_s: float = LEAST_S, most_s: float = MOST_S, of: Container[Sort] | None = None
+    ) -> tuple[Finding, ...]:
+        """The diagnosis, as soon as a longer observation would change no finding of these codes."""
         self.take(least_s)
         end = time.monotonic() + most_s - least_s
-        while not settled(found := self.findings) and time.monotonic() < end:
+        while not settled(found := self.findings, of) and time.monotonic() < end:
             self.take(QUERY_S / 4)
         return found
 

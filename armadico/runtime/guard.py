@@ -1,9 +1,9 @@
 """The guard: a process that holds the line to a robot's controller, and brakes without commands.
 
 The robot agent starts it (`armadico.runtime.guarded`) and sends it, for each write, the bytes and
-what would brake the robot from there. The guard knows no protocol. If no further write comes within
-the expiry, or if the agent's pipe closes, it writes the braking bytes, one after another, and
-repeats the last one. Readings pass through unchanged.
+what would brake the robot from there. The guard knows no protocol. If no further write comes while
+the last one holds, or if the agent's pipe closes, it writes the braking bytes, one after another,
+and repeats the last one. Readings pass through unchanged.
 
 A stop comes by a datagram to its own Unix socket, by SIGUSR1, or by Enter at its terminal. Then it
 drops bytes that move the robot, and brakes, until the agent has latched the stop. A file beside the
@@ -59,30 +59,27 @@ TURN: Final = 64  # most writes of the agent between two looks at the stop
 PRIORITY: Final = 20  # of SCHED_FIFO: above ordinary processes, below the kernel's threads
 NICE: Final = -15
 
-_Write = tuple[bytes, tuple[bytes, ...], bool]
-"""Bytes, what brakes the robot from there, and whether the bytes move the robot."""
+_Write = tuple[bytes, tuple[bytes, ...], bool, float]
+"""Bytes, what brakes the robot from there, whether they move the robot, and how long they hold."""
 
 
 class Guard:
     """Between an agent and an open line."""
 
-    def __init__(
-        self, agent: socket.socket, port: Port, place: str, expiry_s: float, step_s: float
-    ) -> None:
+    def __init__(self, agent: socket.socket, port: Port, place: str, step_s: float) -> None:
         """Guard a line.
 
         Args:
             agent: The connection to the agent, which keeps the bounds of messages.
             port: The open line.
             place: The path of the socket for stops.
-            expiry_s: Without a write for so long it brakes, s.
             step_s: The time between two steps of braking, s.
         """
         self._agent, self._port = agent, port
         self._mark = f"{place}-stop"
         self._stopped = os.path.exists(self._mark)
         self._notices: deque[bytes] = deque([STOP] if self._stopped else ())
-        self._braking = Braking(expiry_s, step_s)
+        self._braking = Braking(step_s)
         self._gone = False  # the agent
         self._stops = _Stops(place)
         self._inputs: list[socket.socket | int] = [agent, *self._stops.sources, *_keys()]
@@ -139,13 +136,13 @@ class Guard:
             with suppress(OSError):
                 os.unlink(self._mark)
             return
-        data, brakes, moves = write
+        data, brakes, moves, holds_s = write
         if self._stopped and moves:
             return
         if data:
             self._port.write(data)
         now = time.monotonic()
-        self._braking.renew(brakes, now)
+        self._braking.renew(brakes, now + holds_s)
         if self._stopped:
             self._braking.at_once(now)
 
@@ -267,7 +264,7 @@ def _prioritise() -> bool:
 
 def main() -> None:
     """Open a line by `module:function` and an address, and guard it."""
-    number, loader, url, place, expiry_s, step_s = sys.argv[1:]
+    number, loader, url, place, step_s = sys.argv[1:]
     for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTTIN):
         signal.signal(each, signal.SIG_IGN)
     agent = socket.socket(fileno=int(number))
@@ -280,7 +277,7 @@ def main() -> None:
         return
     gc.collect()
     gc.freeze()
-    guard = Guard(agent, port, place, float(expiry_s), float(step_s))
+    guard = Guard(agent, port, place, float(step_s))
     try:
         settles = str(getattr(port, "settles_s", 0.0)).encode()
         agent.send(OPENED + (b"1" if has_priority else b"0") + settles)

@@ -41,7 +41,7 @@ class GuardedPort:
         self._identity = place.with_suffix(IDENTITY)
         began = time.monotonic()
         self._line, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        words = [str(theirs.fileno()), loader, url, str(place), f"{EXPIRY_S}", f"{STEP_S}"]
+        words = [str(theirs.fileno()), loader, url, str(place), f"{STEP_S}"]
         try:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", guard.__name__, *words],
@@ -92,9 +92,11 @@ class GuardedPort:
     def write(self, data: bytes) -> None:
         self.command(data, (), moves=False)
 
-    def command(self, data: bytes, brakes: Sequence[bytes], *, moves: bool) -> None:
+    def command(
+        self, data: bytes, brakes: Sequence[bytes], *, moves: bool, holds_s: float = EXPIRY_S
+    ) -> None:
         """Send bytes, and what brakes the robot from there; see `Write`. Raises OSError."""
-        self._send(marshal.dumps((data, tuple(brakes), moves)))
+        self._send(marshal.dumps((data, tuple(brakes), moves, holds_s)))
 
     def latched(self) -> None:
         """Tell the guard that the agent has latched its stop. Raises OSError."""

@@ -106,7 +106,7 @@ class Device:
         self._brakes = item.brakes
         try:
             if isinstance(port, GuardedPort):
-                port.command(item.data, item.brakes, moves=item.moves)
+                port.command(item.data, item.brakes, moves=item.moves, holds_s=item.holds_s)
             elif item.data:
                 port.write(item.data)
         except OSError as error:

@@ -27,6 +27,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Final, NoReturn
 
@@ -380,7 +381,9 @@ class AgentHost:
         if device is None:
             return
         if now - driver.now < LEAST_SILENCE_S or self._leaving:
-            device.write(item)
+            # The guard counts from when it has the bytes, the agent from its decision.
+            holds_s = max(item.holds_s - (now - driver.now), 0.0)
+            device.write(replace(item, holds_s=holds_s))
         else:
             driver.refuse("its device", f"written over {LEAST_SILENCE_S:g} s late", now)
 
@@ -457,7 +460,8 @@ class AgentHost:
 
     def _query_receiver(self, driver: Driver, key: str) -> Callable[[Call], None]:
         def arrived(call: Call) -> None:
-            self.inbox.put(f"query/{key}", self._on_query, driver, key, call)
+            at = call.key if key.endswith("/**") else key  # it may be asked on a pattern, too
+            self.inbox.put(f"query/{key}", self._on_query, driver, at, call)
 
         return arrived
 

@@ -13,6 +13,7 @@ from typing import Final
 
 from msgspec.structs import replace
 
+from armadico.core.membership import agent_of
 from armadico.core.messages import Latched, Message, Repeat, Stop
 from armadico.core.messages import encode as encoded
 from armadico.core.services import service_of
@@ -58,7 +59,7 @@ class Seals:
     def fault(self, repeat: Repeat) -> str:
         """Return why a repeated state does not count; "" if it does."""
         agents = repeat.author.split("+")
-        if repeat.publisher.rpartition("-")[0] not in agents:
+        if repeat.publisher in agents or agent_of(repeat.publisher) not in agents:
             return "it is not signed by its author"
         if repeat.until < self._wall():
             return "its signature has expired"

@@ -179,6 +179,7 @@ class Alone:
             touch=self.touch,
             charging=self.charging,
             ordered=Twist(*self.commanded),
+            admitted=Twist(0.0, 0.0) if self.capped else Twist(*self.commanded),
             capped=self.capped,
             driver=self.agent.instance if any(self.commanded) else "",
         )

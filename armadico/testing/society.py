@@ -11,6 +11,7 @@ from armadico.core.agent import Agent, Identity, Parameters
 from armadico.core.coordination import Owner, Verdict
 from armadico.core.cycles import PERIOD, CycleCounter, epoch_of
 from armadico.core.exchange import Bid
+from armadico.core.membership import agent_of
 from armadico.core.messages import Ack, Claim, Command, Description, Message, RobotState, Stop
 from armadico.core.resources import WHEELS, Resource
 from armadico.mesh.virtual import Node, VirtualMesh
@@ -174,7 +175,7 @@ class Society:
 
     def obeyed_names(self, since: float = 0.0) -> list[str]:
         """Return the agent of each obeyed command from a time on, s."""
-        return [c.ballot.instance.rsplit("-", 1)[0] for t, c in self.owner.obeyed if t >= since]
+        return [agent_of(c.ballot.instance) for t, c in self.owner.obeyed if t >= since]
 
     def holders(self) -> list[str]:
         """Return the names of the agents that hold the wheels now."""

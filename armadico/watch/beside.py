@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -71,14 +71,18 @@ class Helpers:
             end_in_order([*self.processes.values()])
         self._folder.cleanup()
 
-    def start(self, namespace: str, name: str) -> str:
-        """Start an agent unless it runs already; returns why it ended before, or ""."""
+    def start(self, namespace: str, name: str, sets: Sequence[str] = ()) -> str:
+        """Start an agent unless it runs already; returns why it ended before, or "".
+
+        `sets` are its parameters, each KEY=VALUE.
+        """
         from armadico.launch.processes import Process
 
         known = self.processes.get((namespace, name))
         if known is not None and not known.ended():
             return ""
         words = ["agent", name, "--namespace", namespace, *self._joining]
+        words += [f"--set={each}" for each in sets]
         log = Path(self._folder.name) / f"{namespace.replace('/', '-')}-{name}.log"
         self.processes[namespace, name] = Process(name, words, log, tied=True)
         return "" if known is None else f"it had ended: {known.last_lines(1).strip()}"

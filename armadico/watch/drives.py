@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 
 from msgspec import Struct
 
+from armadico.core.membership import agent_of
 from armadico.core.messages import Ack, Card, Cycle
-from armadico.observe.view import agent_of
 
 
 class Drive(Struct):

@@ -6,9 +6,10 @@ from collections.abc import Iterator
 
 from msgspec import Struct
 
+from armadico.core.membership import agent_of
 from armadico.observe.findings import Finding, Sort, cause
+from armadico.observe.journeys import Journey
 from armadico.observe.standing import Standing
-from armadico.observe.view import agent_of
 from armadico.watch.drives import Drive, Unobeyed
 
 
@@ -101,16 +102,23 @@ class Collision(Struct, frozen=True):
 
 
 class Summary(Struct, frozen=True):
-    """A whole recording; its length is in s."""
+    """A whole recording; its length is in s.
+
+    Of events that were not all counted, by `unknown`, those that are known are a lower bound; None:
+    none is known.
+    """
 
     seconds: float
-    exchanges: list[Exchange]
-    stops: list[Press]
-    collisions: list[Collision]
+    exchanges: list[Exchange] | None
+    stops: list[Press] | None
+    collisions: list[Collision] | None
     drives: list[Drive]
     unobeyed: Unobeyed | None
     standing: Standing
     sentences: tuple[str, ...]
+    journeys: list[Journey] = []
+    mechanisms: tuple[str, ...] = ()  # what decided who drives, by the agents' cards
+    unknown: dict[str, str] = {}  # by "exchange", "stop" or "collision", why not all are known
 
 
 Event = Exchange | Press | Collision

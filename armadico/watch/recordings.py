@@ -14,8 +14,10 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+import msgspec
 from msgspec import Struct
 
+from armadico.core.changeable import differing
 from armadico.core.messages import (
     OLDEST,
     PROTOCOL,
@@ -24,6 +26,8 @@ from armadico.core.messages import (
     JournalPiece,
     Message,
     MessageError,
+    ParametersReply,
+    Setting,
     TomlValue,
     decode,
     protocols,
@@ -31,7 +35,7 @@ from armadico.core.messages import (
 from armadico.core.services import message_types
 from armadico.observe.journals import JOURNAL, Journal, Pieces, without
 from armadico.observe.jsons import JsonObject
-from armadico.observe.watching import from_object
+from armadico.observe.watching import Presence, from_object
 from armadico.watch.recorder import PROFILE, REFUSED, SCHEMA_PREFIX, Here, part
 
 if TYPE_CHECKING:
@@ -54,6 +58,10 @@ Warn = Callable[[str], None]
 
 class RecordingError(ValueError):
     """The file is not a recording."""
+
+
+class UnreadError(RecordingError):
+    """The file may be a recording, and none of its messages can be read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,13 +122,9 @@ def rows(path: Path, warn: Warn, about: dict[str, str] | None = None) -> Iterato
     from mcap.exceptions import EndOfFile
     from mcap.records import Channel, Message, Metadata, Schema, Statistics
 
-    from armadico.watch.mcap_records import MAGIC, records
+    from armadico.watch.mcap_records import records
 
-    with path.open("rb") as stream:
-        if (start := stream.read(len(MAGIC))) != MAGIC:
-            what = "was cut short in its first bytes" if start else "is empty"
-            what = what if MAGIC.startswith(start) else "is not an MCAP file"
-            raise RecordingError(f"{path} {what}")
+    _check_start(path)
     schemas, channels = dict[int, Schema](), dict[int, Channel]()
     first, last, number, damage = 0, 0, 0, ""
     try:
@@ -154,6 +158,18 @@ def rows(path: Path, warn: Warn, about: dict[str, str] | None = None) -> Iterato
         )
 
 
+def _check_start(path: Path) -> None:
+    from armadico.watch.mcap_records import MAGIC
+
+    with path.open("rb") as stream:
+        start = stream.read(len(MAGIC))
+    if not MAGIC.startswith(start):
+        raise RecordingError(f"{path} is not an MCAP file")
+    if start != MAGIC:
+        what = "was cut short in its first bytes" if start else "is empty"
+        raise UnreadError(f"{path} {what}")
+
+
 def _row(channel: Channel, schema: Schema | None, t: int, data: bytes, place: Place) -> Row:
     topic = channel.topic.strip("/")
     namespace = channel.metadata.get("namespace", topic.partition("/")[0])
@@ -171,25 +187,31 @@ def _read_pieces(places: Iterable[Place]) -> Iterator[bytes]:
 
 
 def messages_of(
-    path: Path, kinds: Collection[type[Message]], namespace: str | None, warn: Warn
-) -> tuple[list[tuple[float, Message]], dict[str, TomlValue]]:
+    path: Path, kinds: Collection[type[Struct]], namespace: str | None, warn: Warn
+) -> tuple[list[tuple[float, Message | Presence]], dict[str, TomlValue]]:
     """One robot's messages of some kinds in a recording, with their times, s.
 
     With them the parameters of its agents that the journals have: the world, the robot's profile.
-    Raises RecordingError and OSError.
+    A `ParametersReply`, which no agent publishes, is made of each journal, and a `Presence` of each
+    liveliness token that appeared or disappeared. Raises RecordingError and OSError.
 
     Args:
         path: The file, or the first of several.
-        kinds: The types of messages.
+        kinds: The types of messages, and `Presence` if tokens are wanted.
         namespace: The robot; None: the only one.
         warn: Receives a text about each damaged or incomplete file.
     """
     past = Past(path, warn)
     past.check()
     schemas = {SCHEMA_PREFIX + kind.__name__ for kind in kinds}
-    found: dict[str, list[tuple[float, Message]]] = {}
+    found: dict[str, list[tuple[float, Message | Presence]]] = {}
+    tokens: list[Presence] = []
     for row in past.rows():
-        if row.schema in schemas and (message := row.message) is not None:
+        if row.schema == HERE and Presence in kinds:
+            tokens.append(
+                msgspec.convert({**row.fields, "namespace": row.namespace, "at": row.t}, Presence)
+            )
+        elif row.schema in schemas and (message := row.message) is not None:
             found.setdefault(row.namespace, []).append((row.t / 1e9, message))
     names = ", ".join(sorted(found))
     if namespace is not None and namespace not in found:
@@ -199,11 +221,24 @@ def messages_of(
     if not found:
         raise RecordingError("holds no odometry: no state of a robot")
     robot = namespace or next(iter(found))
+    found[robot] += [(each.at / 1e9, each) for each in tokens if each.namespace == robot]
     given: dict[str, TomlValue] = {}
     for each in past.journals():
         if each.namespace == robot and each.head:
+            if ParametersReply in kinds:
+                reply = _parameters(each.instance, each.head.parameters)
+                found[robot].append((each.began, reply))
             given = {k: v for k, v in each.head.parameters.items() if v} | given
     return found[robot], given
+
+
+def _parameters(instance: str, parameters: dict[str, TomlValue]) -> ParametersReply:
+    """The parameters with which an agent was launched, as it would tell them."""
+    rows = (
+        Setting(name, msgspec.json.encode(value).decode())
+        for name, value in differing(parameters, {})
+    )
+    return ParametersReply(instance, (), fixed=tuple(rows))
 
 
 class Past:
@@ -236,16 +271,16 @@ class Past:
         raise AssertionError("there are not endless files")
 
     def check(self) -> None:
-        """Raises RecordingError if it was recorded with another protocol than this program's."""
+        """Raises UnreadError if it was recorded with a protocol that this program does not read."""
         protocol = self.about.get("protocol")
         if protocol is None:
-            raise RecordingError(
+            raise UnreadError(
                 f"{self.path} does not name its protocol: another program wrote it, or its"
                 " beginning is missing; make one with `armadico record` or `armadico run --record`"
             )
         if protocol not in map(str, range(OLDEST, PROTOCOL + 1)):
             version = self.about.get("version", "")
-            raise RecordingError(
+            raise UnreadError(
                 f"{self.path} was recorded with protocol {protocol}, but this program reads"
                 f" {protocols()}: `pip install` the version that recorded it"
                 f"{', ' * bool(version)}{version}"

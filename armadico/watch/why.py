@@ -20,6 +20,7 @@ from armadico.core.coordination import SILENCE, Owner, Verdict, beats
 from armadico.core.cycles import CycleClock
 from armadico.core.exchange import Bid
 from armadico.core.hands import release
+from armadico.core.membership import agent_of
 from armadico.core.messages import (
     Ack,
     Action,
@@ -36,13 +37,15 @@ from armadico.core.messages import (
 from armadico.core.outgoing import WARNING
 from armadico.core.owning import EXPECTED_REFUSALS, REPORT_S
 from armadico.core.resources import WHEELS, declared
-from armadico.core.services import matches
+from armadico.core.services import matches, service_at, service_of
 from armadico.mobile.messages import MissionState, Pose, Truth
 from armadico.mobile.motion import Body
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe.findings import NOTHING, Demand, Finding, Sort, cause
+from armadico.observe.journeys import Journeys
+from armadico.observe.pauses import Pauses
 from armadico.observe.standing import standing
-from armadico.observe.view import FRESH_CYCLES, RESTS, View, agent_of
+from armadico.observe.view import FRESH_CYCLES, RESTS, View
 from armadico.watch.drives import Drives
 from armadico.watch.explained import (
     Bidding,
@@ -80,6 +83,13 @@ GONE_S: Final = 1.0
 
 # Age limit of the refused commands that a moment lists.
 REFUSED_S: Final = 1.0
+
+STATE: Final = service_of(RobotState).key
+TRUTH: Final = service_of(Truth).key
+
+
+def _ack_key(resource: str) -> str:
+    return service_of(Ack).key.format(resource=resource)
 
 
 @dataclass
@@ -169,6 +179,7 @@ class Chronicle:
         self.collisions: list[Collision] = []
         self.moments: list[Moment] = []
         self.drives = Drives(WHEELS.name)
+        self.journeys = Journeys()
         self._pressed: list[_Pressed] = []
         self._records: dict[tuple[str, str], deque[BidRecord]] = {}
         self._history: dict[str, _History] = {}  # by resource
@@ -176,6 +187,8 @@ class Chronicle:
         self._clock = CycleClock()
         self._pending: deque[_Pending] = deque()
         self._touch = _Touch()
+        self._counts: dict[str, Pauses] = {}  # by key
+        self._state_at: float | None = None  # of the first state of the robot, s
 
     # Input ---------------------------------------------------------------------------------------
 
@@ -193,10 +206,14 @@ class Chronicle:
         self._advance(t)
         first, truth = self.view.state is None, self.view.truth
         self.view.update(key, message, t)
+        if message is not None:
+            self.journeys.update(message, self.view, t - self._begun)
         match message:
             case RobotState():
+                self._count(STATE, t)
                 self._on_state(message, t, first=first)
             case Truth() if self.view.truth is message:
+                self._count(TRUTH, t)
                 self._on_truth(message, begun=truth is not None)
             case Stop():
                 self._on_stop(message, t, before=first)
@@ -205,6 +222,7 @@ class Chronicle:
             case Command():
                 self._on_command(message, t)
             case Ack():
+                self._count(_ack_key(message.resource), t)
                 self._on_ack(message, t)
 
     def learn(self, message: Message, t: float) -> None:
@@ -238,7 +256,36 @@ class Chronicle:
     def presses(self) -> list[Press]:
         return [self._press(pressed) for pressed in self._pressed]
 
+    @property
+    def unknown(self) -> dict[str, str]:
+        """By kind of event, why not all of them may be known."""
+        kinds = ("exchange", "stop", "collision")
+        return {what: why for what in kinds if (why := self.uncounted(what))}
+
+    def uncounted(self, what: str, resource: str = WHEELS.name) -> str:
+        """Why not all events of a kind may be known; "" if they are.
+
+        Args:
+            what: "collision", "stop" or "exchange".
+            resource: That of an exchange.
+        """
+        key = {"collision": TRUTH, "stop": STATE}.get(what) or _ack_key(resource)
+        count, begun = self._counts.get(key), self._begun
+        if count is None or self._state_at is None:
+            return f"no {key if self._state_at is not None else STATE} was received"
+        gap = count.gap(self.now, begun)
+        return f"no {key} was received {gap}" if gap else ""
+
     # Inside --------------------------------------------------------------------------------------
+
+    def _count(self, key: str, t: float) -> None:
+        if key == STATE and self._state_at is None:
+            self._state_at = t
+        if key not in self._counts:  # before the first state there was nothing to count
+            row = service_at(key)  # of a resource with long cycles acks are rare
+            since = t if self._state_at is None else self._state_at
+            self._counts[key] = Pauses(since, row.deadline_s if row else None)
+        self._counts[key].add(t)
 
     def _advance(self, t: float) -> None:
         self.now = t
@@ -378,7 +425,7 @@ class Chronicle:
             due = "" if mission.due_s is None else f", due in {mission.due_s:.0f} s"
             yield f"Its goal is {mission.to_go:.1f} m away{note}{'' if mission.late else due}."
             if mission.late:
-                yield f"The mission is {mission.late}."
+                yield mission.delay
 
     def _contest(self, name: str) -> Contest:
         view, now = self.view, self.now

@@ -100,6 +100,10 @@ class Base(Controller):
             except ValueError:
                 continue
 
+    def go_on(self, v: float, w: float) -> None:
+        self._set = v, w
+        self._trips = self._now + self._patience
+
     def disconnect(self) -> None:
         """Forget the client, which is gone or a new one. The watchdog stops the robot."""
         self.decoder = Decoder()

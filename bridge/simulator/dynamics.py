@@ -143,6 +143,21 @@ class Dynamics:
         j00, j01, j11 = self.inertia()
         return 0.5 * (j00 * self.v**2 + j11 * self.w**2) + j01 * self.v * self.w
 
+    def holding(self, v: float, w: float) -> tuple[float, float]:
+        """The voltages that keep these speeds (m/s, rad/s), without the caster: ahead and turning.
+
+        The right motor gets the sum of both, the left one the difference.
+        """
+        per_volt, turn_per_volt, loss, loss_w, _ = self._forces
+        rim, _, track, _ = self._coulomb
+        offset = self._masses[-1]
+        left, right = (
+            copysign(rim, each) if each else 0.0 for each in (v - track * w, v + track * w)
+        )
+        force = loss * v - offset * w * w + right + left
+        couple = loss_w * w + offset * v * w + track * (right - left)
+        return 0.5 * force / per_volt, 0.5 * couple / turn_per_volt
+
     def step(self, left_v: float, right_v: float) -> None:
         """One step of `dt` without contacts."""
         v, w = self.v, self.w

@@ -17,6 +17,8 @@ from armadico.config.profile import RobotProfile, SensorProfile
 
 TICKS_PER_M = 76_000.0  # 76 ticks for each mm of the wheel's rim
 PATCH_M = 0.1
+LEAST_LEFT = 0.01
+"""A gyroscope that leaves a smaller share of the errors leaves none."""
 
 
 class Encoder:
@@ -51,6 +53,10 @@ class Encoder:
             self._patch_m += PATCH_M
             self.scale = self._unslipped * (1.0 + self._rng.gauss(0.0, self._slip))
 
+    def rescale(self, scale: float) -> None:
+        """Count so many ticks per metre of rim."""
+        self.scale = self._unslipped = scale * self._spin
+
     def spin(self, times: float) -> None:
         """Turn so many times as far as it rolls, from now on."""
         self.scale *= times / self._spin
@@ -63,11 +69,15 @@ class Odometry:
 
     Speeds (m/s, rad/s) are ticks over the last step. The pose (m, rad) starts at zero and is not
     affected by lifting the robot; its heading is not wrapped.
+
+    Attributes:
+        usual: The largest errors that are drawn, as reported: of turns (rad/rad), a drift (rad/m),
+            and of ways (m/m).
     """
 
     __slots__ = (
         *("_dt", "_gyro", "_left", "_right", "_track", "_wide"),
-        *("left_m_s", "right_m_s", "theta", "v", "w", "x", "y"),
+        *("left_m_s", "right_m_s", "theta", "usual", "v", "w", "x", "y"),
     )
 
     def __init__(
@@ -90,6 +100,8 @@ class Odometry:
         self._wide = 2.0 * track
         self._dt = dt
         self._track = 2.0 * track * (1.0 - turn)
+        left = 1.0 - self._gyro
+        self.usual = left * turn_error, left * sensors.drift_rad_m, sensors.way_error
         self._left = Encoder(sensors.slip, ticks * (1.0 - skew), streams("slip/left"))
         self._right = Encoder(sensors.slip, ticks * (1.0 + skew), streams("slip/right"))
         self.left_m_s = self.right_m_s = self.v = self.w = 0.0
@@ -103,6 +115,20 @@ class Odometry:
     def reset(self) -> None:
         """Set the odometry to (0, 0, 0)."""
         self.x = self.y = self.theta = 0.0
+
+    def miscalibrate(self, turn: float, drift: float, way: float) -> None:
+        """Have these lasting errors: what is counted too little of turns, a drift, of ways.
+
+        rad/rad, rad/m and m/m of what is reported, as in `Correction.wheels`. With a gyroscope the
+        wheels' own errors are larger; one that leaves nothing of them has none.
+        """
+        left, ticks = 1.0 - self._gyro, 1.0 / (1.0 + way)
+        more = 1.0 / left if left > LEAST_LEFT else 0.0
+        turned = 1.0 + more * (1.0 / (1.0 + turn) - 1.0)  # by the wheels, per true turn
+        skew = -more * drift * 0.5 * self._wide
+        self._track = self._wide * ticks / max(0.1, turned)
+        self._left.rescale(TICKS_PER_M * ticks * (1.0 - skew))
+        self._right.rescale(TICKS_PER_M * ticks * (1.0 + skew))
 
     def slip(self, left: float, right: float) -> None:
         """Let the wheels turn so many times as far as they roll."""

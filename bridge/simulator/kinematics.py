@@ -44,6 +44,10 @@ class Kinematics:
         self.w += change_w
         self._gained = 0.5 * self._mass_kg * (self.v * self.v - before * before)
 
+    def holding(self, v: float, w: float) -> tuple[float, float]:
+        """What keeps these speeds: themselves."""
+        return v, w
+
     def roll(self, v: float, w: float) -> None:
         """Nothing: the model has no caster."""
 

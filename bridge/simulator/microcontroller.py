@@ -116,6 +116,10 @@ class Microcontroller(Controller):
             else:
                 self._obey(decode_command(payload))
 
+    def go_on(self, v: float, w: float) -> None:
+        self._fed_at = self._now
+        self._motion.go_on(v, w)
+
     def disconnect(self) -> None:
         """End the session as CLOSE does: the connection has ended, or is a new one.
 

@@ -120,6 +120,13 @@ class Motion:
         self.linear.set_speed((left + right) / 2)
         self.angular.set_speed((right - left) / (2 * self._profile.body.half_track_m))
 
+    def go_on(self, v: float, w: float) -> None:
+        """Follow speeds (m/s, rad/s) without a ramp: the robot has them already."""
+        for axis, speed in ((self.linear, v), (self.angular, w)):
+            axis.set_speed(speed)
+            axis.speed = min(max(speed, -axis.top), axis.top)
+        self._loops.hold(*self._plant.holding(v, w))
+
     def head(self, heading: float) -> None:
         """Turn to a heading of the odometry (rad), the shorter way."""
         self.heading_set = remainder(heading, tau)

@@ -203,6 +203,20 @@ class Plant:
         self.touches.begin()
 
     @property
+    def wheels(self) -> Odometry:
+        """The encoders, and their lasting errors."""
+        return self._odometry
+
+    def set_speeds(self, v: float, w: float) -> None:
+        """Let it move so fast, ahead (m/s) and around (rad/s), as if it had done so before."""
+        self._dynamics.v, self._dynamics.w = v, w
+        self._margin = 0.0
+
+    def holding(self, v: float, w: float) -> tuple[float, float]:
+        """What keeps these speeds (m/s, rad/s), ahead and turning: voltages, or the speeds."""
+        return self._dynamics.holding(v, w)
+
+    @property
     def speeds(self) -> tuple[float, float]:
         """The true speed ahead (m/s) and turn rate (rad/s)."""
         return self._dynamics.v, self._dynamics.w

@@ -65,6 +65,12 @@ class Controller:
         self._out.clear()
         return data
 
+    def go_on(self, v: float, w: float) -> None:
+        """Obey from now on, as if these speeds had been commanded (m/s, rad/s).
+
+        By default nothing: a controller without it brakes at once.
+        """
+
     def disconnect(self) -> None:
         """Forget the client, which is gone or a new one."""
         raise NotImplementedError
@@ -140,6 +146,11 @@ class SimulatedRobot:
         if not self.controller.is_open:
             return self._truth_at
         return self.controller.next_status_s
+
+    def set_speeds(self, v: float, w: float) -> None:
+        """Let it move so fast, as by a command, until another one comes: m/s, rad/s."""
+        self.plant.set_speeds(v, w)
+        self.controller.go_on(v, w)
 
     def meet(self, *others: SimulatedRobot) -> None:
         """Join others in one world. Raises ValueError if one overlaps an obstacle."""

@@ -67,6 +67,10 @@ class SpeedLoops:
         """Reset the integrals, as when the motors are switched off."""
         self._sum_v = self._sum_w = 0.0
 
+    def hold(self, common_v: float, turning_v: float) -> None:
+        """Set the integrals, V, as for a robot that has been driving: ahead and turning."""
+        self._sum_v, self._sum_w = common_v, turning_v
+
     def voltages(
         self, v_set: float, w_set: float, v: float, w: float, dt: float
     ) -> tuple[float, float]:

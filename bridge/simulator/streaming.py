@@ -77,6 +77,9 @@ class StreamingController(Controller):
         while self._in and self.obey(self._in):
             pass
 
+    def go_on(self, v: float, w: float) -> None:
+        self.drive(v, w)
+
     def disconnect(self) -> None:
         """Forget what has arrived; a serial line does not tell that a client has left."""
         self._in.clear()

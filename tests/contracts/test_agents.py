@@ -43,6 +43,7 @@ class Lamp(Agent):
 
 class TestAvoid(AgentContract):
     agent = Avoid
+    limit_s = 12.0  # it bids by then
 
 
 class TestLamp(ResourceContract):
@@ -90,7 +91,7 @@ class Idle(Agent):
 def test_a_defect_of_an_agent_breaks_its_check(
     kind: type[Agent], check: str, answer: Answer, reason: str
 ) -> None:
-    contract: Any = type("Judged", (AgentContract,), {"agent": kind})()
+    contract: Any = type("Judged", (AgentContract,), {"agent": kind, "limit_s": 6.0})()
     judgement = judged(getattr(contract, f"check_{check}"))
     assert judgement.answer is answer, judgement
     assert reason in judgement.reason

@@ -91,3 +91,9 @@ def test_what_it_left_behind_does_not_hold_it() -> None:
     behind = [(-PIONEER.outline.rear - 0.03, y) for y in (-0.1, 0.0, 0.1)]
     assert admit(PIONEER, AT_REST, (0.6, 0.0), view(behind)).why == ""
     assert admit(PIONEER, AT_REST, (-0.6, 0.0), view(behind)).v > -0.6
+
+
+def test_pressed_on_against_what_is_within_half_the_margin_it_comes_no_nearer() -> None:
+    near = View(np.array([[PIONEER.outline.front + 0.012, -0.1]]), NOTHING, 0.05, noise_m=0.01)
+    for v in (0.1, 0.001):
+        assert admit(PIONEER, AT_REST, (v, 0.0), near).v == 0.0, "however slowly"

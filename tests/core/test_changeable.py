@@ -267,8 +267,14 @@ def test_an_agent_without_changeable_parameters_refuses() -> None:
     driver.begin(0.0)
     reply, _ = query(driver, ("x", "1"))
     assert reply == ParametersReply(
-        "toy-1", (), "no parameter of this agent can be changed while it runs"
+        "toy-1", (), "no parameter of this agent can be changed while it runs", fixed=()
     )
+
+
+def test_a_reply_has_what_cannot_be_changed_and_is_no_default() -> None:
+    launched = Parameters(social=parameters.Social(exchange="abrupt"))
+    reply, _ = query(driven(Toy(Identity("toy-1"), launched)))
+    assert [(row.name, row.json) for row in reply.fixed or ()] == [("social.exchange", '"abrupt"')]
 
 
 def test_a_malformed_request_changes_nothing_and_is_no_failure() -> None:

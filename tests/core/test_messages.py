@@ -53,7 +53,8 @@ def values(kind: shape.Type) -> st.SearchStrategy[Any]:
         return st.one_of(*map(values, kind.types))
     if isinstance(kind, shape.VarTupleType):
         least = kind.min_length or 0
-        items = st.lists(values(kind.item_type), min_size=least, max_size=max(least, 3))
+        most = min(max(least, 3), kind.max_length or 3)
+        items = st.lists(values(kind.item_type), min_size=least, max_size=most)
         return items.map(tuple)
     return scalars(kind)
 
@@ -65,6 +66,8 @@ def scalars(kind: shape.Type) -> st.SearchStrategy[Any]:
     if isinstance(kind, shape.IntType):
         return st.integers(kind.ge, kind.le)
     if isinstance(kind, shape.StrType):
+        if kind.pattern is not None and kind.max_length is None:  # a form of its own
+            return st.from_regex(kind.pattern, fullmatch=True)
         return st.text(
             PRINTED, min_size=kind.min_length or 0, max_size=min(kind.max_length or 20, 20)
         )
@@ -291,6 +294,8 @@ def test_what_was_appended_is_omitted_while_it_has_its_default() -> None:
     revised = msgspec.structs.replace(correction, revision=3)
     assert cbor2.loads(m.encode(revised))[7] == 3
     assert repr(revised).endswith("elsewhere=False, revision=3)")
+    off = msgspec.structs.replace(correction, off_map=True)
+    assert m.decode(m.encode(off), Correction) == off
     assert m.decode(m.encode(revised), Correction) == revised
 
 

@@ -130,6 +130,13 @@ def test_wheels_that_speed_up_are_taken_to_be_where_their_ramps_have_got_to() ->
     )
 
 
+def test_no_ramp_gets_beyond_what_was_ordered() -> None:
+    most = 0.35, 0.2
+    assert ordered(PIONEER, (0.30, 0.10), (0.33, 0.20), most) == pytest.approx(most)
+    assert ordered(PIONEER, (-0.30, 0.0), (-0.33, 0.0), most)[0] == pytest.approx(-0.35)
+    assert ordered(PIONEER, (0.40, 0.0), (0.43, 0.0), most)[0] == 0.43, "as it is measured"
+
+
 def test_another_robot_has_another_way_to_rest() -> None:
     slow = PIONEER._replace(v_decel=0.2, silence_s=1.0, cycle_s=0.2)
     assert slow.stopping_distance(0.4) == pytest.approx(0.4 * 1.4 + 0.4)

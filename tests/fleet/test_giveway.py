@@ -2,106 +2,22 @@
 
 from __future__ import annotations
 
-from math import cos, pi, sin
 from pathlib import Path
 
 import pytest
 
-from armadico.agents.fleet.giveway import SPOKEN_S, UNSEEN_S, GiveWay, Parameters
+from armadico.agents.fleet.giveway import SPOKEN_S, UNSEEN_S
 from armadico.agents.fleet.messages import FleetPassages
-from armadico.core.agent import Identity
-from armadico.core.messages import Message, Stop
+from armadico.core.messages import Stop
 from armadico.core.outgoing import Publish, Refused
-from armadico.mobile.messages import FleetPose, Trajectory
-from armadico.observe.measures import speeds
-from armadico.testing.alone import Alone, claims, commands, drive_to
-from tests.fleet.rectangles import map_of
-
-MOUTHS = 6.0, 12.0
-"""Of the corridor, m: along the x axis, in the middle of its rooms."""
-
-Y = 2.5
-V = 0.4
+from armadico.mobile.messages import Trajectory
+from armadico.testing.alone import claims
+from tests.fleet.corridor import MOUTHS, Fleet, Robot, corridor
 
 
 @pytest.fixture(scope="module")
 def world(tmp_path_factory: pytest.TempPathFactory) -> str:
-    path = tmp_path_factory.mktemp("worlds") / "corridor.map"
-    path.write_text(map_of([(0, 0, 6, 5), (6, 1.9, 12, 3.1), (12, 0, 18, 5)]))
-    return str(path)
-
-
-class Robot(Alone):
-    """Drives along the x axis to its goal, but for what its agent commands."""
-
-    def __init__(self, name: str, world: str | None, x: float, goal: float, start: int = 1) -> None:
-        parameters = Parameters(namespace=f"lab/{name}", world=world)
-        super().__init__(GiveWay(Identity(f"giveway-{name}-{start}"), parameters))
-        self.name, self.goal, self.sent = name, goal, 0
-        self.pose = (x, Y, 0.0 if goal > x else pi)
-        self.agent.kernel.start(0.0)
-        self.state()
-        self.give(drive_to((goal, Y, 0.0)))
-
-    @property
-    def x(self) -> float:
-        return self.pose[0]
-
-    @property
-    def inside(self) -> bool:
-        """Whether its body is in the corridor."""
-        return MOUTHS[0] - 0.2 < self.x < MOUTHS[1] + 0.2
-
-    @property
-    def there(self) -> bool:
-        return abs(self.x - self.goal) < 0.1
-
-    def tick(self) -> list[Message]:
-        """One cycle of the robot."""
-        said = self.cycle()
-        if (self.agent.kernel.wakeup or self.now + 1.0) <= self.now:
-            self.agent.kernel.wake(self.now)
-            said += self.collect()
-        x, y, theta = self.pose
-        own = [c for c in commands(said) if c.action is not None]
-        self.speed = speeds(own[-1]) if own else (0.0 if self.there else V, 0.0)
-        self.pose = (
-            x + 0.1 * self.speed[0] * cos(theta),
-            y + 0.1 * self.speed[0] * sin(theta),
-            theta,
-        )
-        return said
-
-    @property
-    def told(self) -> FleetPose:
-        x, y, theta = self.pose
-        return FleetPose(self.name, x, y, theta, (), *self.speed, 0.21, 0.23, 0.17)
-
-
-class Fleet:
-    """Robots that receive what the others publish."""
-
-    def __init__(self, *robots: Robot) -> None:
-        self.robots = {robot.name: robot for robot in robots}
-        self.entered: list[str] = []
-        self.most = 0  # robots in the corridor at once
-
-    def run(self, seconds: float) -> None:
-        for _ in range(round(10 * seconds)):
-            for robot in list(self.robots.values()):
-                robot.tick()
-                said = [m for m in robot.published[robot.sent :] if isinstance(m, FleetPassages)]
-                robot.sent = len(robot.published)
-                for other in self.robots.values():
-                    if other is not robot:
-                        other.give(robot.told, *said)
-                if robot.inside and robot.name not in self.entered:
-                    self.entered.append(robot.name)
-            self.most = max(self.most, sum(robot.inside for robot in self.robots.values()))
-
-    @property
-    def arrived(self) -> bool:
-        return all(robot.there for robot in self.robots.values())
+    return corridor(tmp_path_factory.mktemp("worlds"))
 
 
 def why(robot: Robot) -> str:
@@ -181,11 +97,7 @@ def test_a_robot_inside_without_the_passage_backs_off_the_way_it_came(world: str
     fleet.run(6.0)
     intruder = Robot("a", world, 4.0, 15.0)
     intruder.number, intruder.now = first.number, first.now
-    for _ in range(28):  # by hand, for example
-        intruder.speed = (1.0, 0.0)
-        intruder.cycle()
-        x, y, theta = intruder.pose
-        intruder.pose = (x + 0.1, y, theta)
+    intruder.push(28)
     assert intruder.inside
     fleet.robots["a"] = intruder
     fleet.run(1.5)

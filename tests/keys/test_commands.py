@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from armadico import cli
+from armadico.cli import options
 from armadico.keys import derived, store
 from armadico.keys.checking import Checks
 from armadico.keys.expiry import user_in
@@ -107,6 +108,25 @@ def lab(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Lab:
     return Lab(tmp_path, capsys)
 
 
+def test_what_a_computer_that_is_no_host_of_the_table_lacks_is_not_known(
+    lab: Lab, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = TABLE.replace('"keys"', '"anna"').replace("127.0.0.", "198.51.100.")
+    (lab.folder / "laptop.toml").write_text(text)
+    words = ["--hosts", str(lab.folder / "laptop.toml"), "--namespace", "r"]
+    capsys.readouterr()
+    assert cli.main(["keys", "check", *words]) == options.UNKNOWN
+    out = capsys.readouterr().out
+    assert "not known" in out
+    assert "nothing is wrong" not in out
+    assert cli.main(["keys", "check", "--json", *words]) == options.UNKNOWN
+    (doubt,) = json.loads(capsys.readouterr().out)
+    assert "not known" in doubt
+    (key, *_) = (each.private for each in Store(lab.folder / "anna").identities())
+    key.chmod(0o644)
+    assert cli.main(["keys", "check", *words]) == options.FAILED, "what is wrong comes first"
+
+
 def test_nothing_of_a_revoked_persons_archive_counts_and_all_else_does(lab: Lab) -> None:
     others = {holder: lab.count(holder) for holder in ("lab1", "lab2", "desk")}
     assert {"person-anna", "page", "mcp", "viewer", "ros2"} <= lab.count("anna")
@@ -137,6 +157,19 @@ def test_one_key_of_an_agent_is_revoked_or_all_of_them(lab: Lab) -> None:
     out = lab.keys("revoke", "goto")
     assert "lab1 loses goto; new keys for it: `armadico keys host lab1`" in out
     assert "goto" not in lab.count("lab1")
+
+
+def test_a_client_program_has_one_key_which_is_revoked_without_the_others(lab: Lab) -> None:
+    for name in ("claude", "other"):
+        told = lab.keys("client", name, "--out", str(lab.folder / name))
+        assert f'[clients."mcp-{name}"]' in told
+        assert lab.count(name) == {f"mcp-{name}"}
+    out = lab.keys("revoke", "mcp-claude")
+    assert "`armadico keys client claude --out FILE`" in out
+    assert (lab.count("claude"), lab.count("other")) == (set(), {"mcp-other"})
+    assert "mcp" in lab.count("lab1")
+    assert "'a b': expected a name of letters" in lab.keys("client", "a b", code=2)
+    assert "at most 36" in lab.keys("client", "x" * 37, code=2)
 
 
 def test_a_person_who_also_used_a_computer_is_out_and_the_computers_keys_are_named(

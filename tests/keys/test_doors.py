@@ -21,7 +21,7 @@ from armadico.mesh.sockets import socket_of
 from armadico.mesh.topology import MeshError, topology
 from armadico.mesh.zenoh import ZenohMesh
 from tests.keys.labs import NAMESPACE
-from tests.keys.society import Heard, Society, soon
+from tests.keys.society import SOON_S, Heard, Society, soon
 
 pytestmark = [pytest.mark.live, pytest.mark.long]
 
@@ -91,7 +91,8 @@ def test_a_signature_of_a_revoked_key_is_refused_on_every_computer(society: Soci
     society.give_lab2()
     signed = author.sign(b"a mission")
     assert soon(lambda: all(accepted()))
-    assert readers[1].wait_joined(0.0), "goto of lab1 has a key of its own"
+    # It has a key of its own. Its link ends for a moment, as the router opens anew to read rights.
+    assert readers[1].wait_joined(SOON_S), readers[1].missing
 
 
 def test_a_revoked_identity_is_out_of_the_running_society_and_the_others_drive_on(

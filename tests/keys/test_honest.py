@@ -13,10 +13,10 @@ from armadico.keys.rights import Does
 from tests.keys.traffic import recorded
 
 SOCIETIES = {
-    "sc4": ("run sc4 --for 20", ()),
+    "sc4": ("run sc4 --for 8", ()),
     "people": ("run floor-people --for 10", ()),
     "alarms and a charger": ("run surveillance --for 60", ("mission-planning",)),
-    "slam": ("explore rooms-a --profile jackal --for 15", ("slam", "explore")),
+    "slam": ("explore rooms-a --profile jackal --for 8", ("slam", "explore")),
     "fleet": ("run fleet --robots 2 --for 8", ("fleet",)),
 }
 """Commands, and the agents that they need."""
@@ -24,6 +24,7 @@ SOCIETIES = {
 OPTIONS = ("--virtual", *(("--no-plot",) if find_spec("armadico.watch") else ()))
 
 
+@pytest.mark.long(but=("sc4", "people", "slam", "fleet"))
 @pytest.mark.parametrize(("words", "needed"), SOCIETIES.values(), ids=SOCIETIES)
 def test_the_rights_cover_whatever_a_society_sends(
     words: str, needed: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -54,6 +54,8 @@ def test_a_missing_key_is_named_with_the_command_that_makes_it(tmp_path: Path) -
     ):
         with pytest.raises(ConfigError, match=f"no key of robot1/{name} .*{command}"):
             issuer.store.checked("robot1", name)
+    with pytest.raises(ConfigError, match="keys person ben --namespace lab/r2`"):
+        issuer.store.checked("lab/r2", "person-ben")
     with pytest.raises(ConfigError, match="armadico keys init"):
         Store(tmp_path / "elsewhere").checked("robot1", "goto")
 

@@ -59,6 +59,14 @@ def test_a_higher_layer_that_is_not_active_suppresses_nothing() -> None:
     assert priority.decide(weak, Cycle(1, 1)).shares == {"goto": 1.0}
 
 
+def test_an_agent_below_the_order_suppresses_no_layer_however_much_it_bids() -> None:
+    priority = Priority(Identity("priority-1"))
+    liar = {"goto": wish(0.6, FAST), "liar": wish(0.99, LEFT)}
+    assert priority.decide(liar, Cycle(1, 1)).shares == {"goto": 1.0}
+    priority.kernel.now = 1.0
+    assert priority.decide({"liar": wish(0.99, LEFT)}, Cycle(1, 2)).shares == {"liar": 1.0}
+
+
 def test_in_arias_resolver_a_full_strength_leaves_nothing_to_lower_priorities() -> None:
     resolver = Resolver(Identity("resolver-1"))
     found = resolver.decide({"goto": wish(1.0, FAST), "avoid": wish(1.0, LEFT)}, Cycle(1, 1))

@@ -11,7 +11,7 @@ from armadico.bridge.ros2.profile import Ros2Robot
 from armadico.config.loading import find, names
 from armadico.config.profile import NEVER_S, load_profile
 from armadico.core.config_errors import ConfigError, ConfigNameError, ConfigValueError
-from tests.robot.config.test_profile import without, written
+from tests.robot.config.test_profile import foreign, without, written  # noqa: F401 - a fixture
 
 
 def test_a_robot_of_two_kinds_is_refused(tmp_path: Path) -> None:
@@ -52,19 +52,6 @@ def test_a_value_of_a_section_is_told_with_its_line(tmp_path: Path) -> None:
         load_profile(written(tmp_path, text))
     error = caught.value
     assert (error.line, error.key, error.value) == (line, "ros2.odom_hz", 5000.0)
-
-
-@pytest.fixture
-def foreign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A package with kinds of robots that are none, and one that cannot be loaded."""
-    info = tmp_path / "foreign-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: foreign\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(
-        "[armadico.robots]\nchair = pathlib:Path\ngone = foreign.robot:KIND\n"
-        "other = armadico.bridge.p2os_kind:P2OS\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
 
 
 @pytest.mark.parametrize(

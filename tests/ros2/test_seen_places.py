@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import hypot, inf, nan, pi, radians
 from random import Random
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -156,8 +157,10 @@ def test_a_kidnapped_robot_is_found() -> None:
     assert found, f"after {step} cycles"
 
 
-def test_a_kidnapped_robot_at_rest_is_suspicious_too() -> None:
-    society = Society(JACKAL)
+@pytest.mark.parametrize("motion", ["wheels", "scans"])
+def test_a_kidnapped_robot_at_rest_is_suspicious_too(motion: Literal["wheels", "scans"]) -> None:
+    """Its scans contradict those before, so by them it is lost, which is more."""
+    society = Society(replace(JACKAL, motion=motion))
     for _ in range(20):
         society.cycle()
     society.pose = (9.0, 4.6, 2.0)
@@ -166,7 +169,10 @@ def test_a_kidnapped_robot_at_rest_is_suspicious_too() -> None:
     correction = [society.cycle((0.0, 0.0, 0.0)) for _ in range(50)]
     assert correction[-1] is not None
     assert correction[-1].covariance[0] + correction[-1].covariance[3] > UNSURE_M**2
-    assert correction[-1].elsewhere
+    if motion == "wheels":
+        assert correction[-1].elsewhere
+    else:
+        assert correction[-1].confidence == 0.0
 
 
 def test_sonars_do_not_count_beside_a_laser_and_a_scan_counts_once() -> None:

@@ -43,11 +43,11 @@ def driven(rounds: int = 1) -> Poses:
     return found
 
 
-def ranges(pose: Pose2) -> NDArray[np.float64]:
-    """The ranges of the laser: 180 degrees ahead, m."""
+def ranges(pose: Pose2, lines: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+    """The ranges of the laser among walls (default: the room's): 180 degrees ahead, m."""
     angles = pose[2] - pi / 2 + pi / RAYS * np.arange(RAYS)
     dx, dy = np.cos(angles)[:, None], np.sin(angles)[:, None]
-    x1, y1, x2, y2 = walls().T
+    x1, y1, x2, y2 = (walls() if lines is None else lines).T
     ex, ey = x2 - x1, y2 - y1
     with np.errstate(divide="ignore", invalid="ignore"):
         across = dx * ey - dy * ex
@@ -58,15 +58,21 @@ def ranges(pose: Pose2) -> NDArray[np.float64]:
     return nearest
 
 
+def measured(poses: Poses, lines: NDArray[np.float64] | None = None) -> NDArray[np.uint16]:
+    """(poses, rays) the ranges of scans among walls, cm."""
+    return np.rint(100 * np.array([ranges(pose, lines) for pose in poses])).astype(np.uint16)
+
+
 def fields(poses: Poses | None = None, **others: Any) -> dict[str, Any]:
     """The fields of an npz log; `others` replace some of them."""
     at = driven() if poses is None else poses
     path = np.array(at)
+    if "ranges" not in others:
+        others["ranges"] = measured(at)
     found: dict[str, Any] = {
         "t": STEP_S * np.arange(len(at)),
         "odometry": path,
         "reference": path,
-        "ranges": np.rint(100 * np.array([ranges(pose) for pose in at])).astype(np.uint16),
         "scale": 0.01,
         "angle_min": -pi / 2,
         "angle_step": pi / RAYS,

@@ -11,8 +11,8 @@ from msgspec.structs import replace
 from armadico.agents.driving.goto import Goto
 from armadico.agents.localization.localization import Localization
 from armadico.agents.localization.localization import Parameters as OnMap
+from armadico.agents.methods.poses import Floats, compose, relative
 from armadico.agents.slam.agent import INVALID, Parameters, SlamAgent
-from armadico.agents.slam.poses import Floats, compose, relative
 from armadico.config.grid_map import FREE, OCCUPIED, cells_of
 from armadico.core.agent import ERROR, Identity, Question
 from armadico.core.config_errors import ConfigError

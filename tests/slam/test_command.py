@@ -414,6 +414,22 @@ def judged(capsys: pytest.CaptureFixture[str], code: int, *words: object) -> str
     return reason
 
 
+def test_a_scanner_that_is_changed_within_a_log_is_named_and_not_passed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seen = [made_logs.ranges(pose) for pose in POSES]
+    lines = [
+        made_logs.flaser(0.4 * k, pose, pose, seen[k] if k < 30 else seen[k][::2])
+        for k, pose in enumerate(POSES)
+    ]
+    path = tmp_path / "room.log"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    said = judged(capsys, 3, path, "--drift", 0)
+    assert "the scanner changes at scan 31 of 60, from 90 rays from -90 degrees on to 45" in said
+    often = [(90 + k % 2, -1.5, 0.03) for k in range(60)]
+    assert not logs.changed_scanner(often), "a driver that sends a ray more now and then"
+
+
 def test_what_is_not_known_does_not_pass(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

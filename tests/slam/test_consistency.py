@@ -7,6 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from armadico.agents.methods.poses import Floats, compose, relative
+from armadico.agents.methods.scan_matching import PointCloud, point_cloud
+from armadico.agents.methods.slices import finished
 from armadico.agents.slam.commands import view
 from armadico.agents.slam.consistency import (
     ConsistencyParameters,
@@ -15,10 +18,7 @@ from armadico.agents.slam.consistency import (
     most_uncertain,
 )
 from armadico.agents.slam.pose_graph import Edge
-from armadico.agents.slam.poses import Floats, compose, relative
-from armadico.agents.slam.scan_matching import PointCloud, point_cloud
 from armadico.agents.slam.slam import Slam, SlamParameters
-from armadico.agents.slam.slices import finished
 from armadico.agents.slam.states import Mode, Moved, Proof
 from armadico.config.grid_map import FREE, Cells
 from tests.slam.worlds import BEARINGS, cast

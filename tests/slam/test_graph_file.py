@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from armadico.agents.methods.poses import Floats, compose, relative
 from armadico.agents.slam.agent import Parameters, SlamAgent
-from armadico.agents.slam.poses import Floats, compose, relative
 from armadico.config import graph_file, graph_parts, grid_map
 from armadico.config.graph_file import SavedGraph
 from armadico.config.grid_map import FREE, OCCUPIED

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from itertools import count
-from math import hypot, nan
+from math import hypot, nan, pi
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +18,11 @@ from armadico.config import grid_map
 from armadico.config.grid_map import FREE, OCCUPIED
 from armadico.config.profile import load_profile
 from armadico.core.config_errors import ConfigError
-from armadico.mobile.geometry import Pose2
+from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.geometry import Pose2, compose, relative
 from tests.robot.robots import with_laser
 from tests.slam import made_logs
+from tests.slam.floors import CORRIDOR, ROOM, map_of
 
 AGENT = "localization"
 ROBOT = with_laser()
@@ -128,9 +130,85 @@ def test_a_given_start_is_used(log: Log, world: str) -> None:
 
 @pytest.mark.long
 def test_a_map_of_another_place_is_reported(log: Log) -> None:
-    found = summary(Run(log, chosen(log, "rooms-a"), float).go())
-    assert found.lost_share + (found.wrong_sure_share or 0.0) > 0.5
+    track = Run(log, chosen(log, "rooms-a"), float).go()
+    unsure = [one.lost or one.deviation > LOST_M for one in track.moments]
+    assert sum(unsure) > 0.5 * len(unsure), "no mission is driven"
+    found = summary(track)
     assert found.lost_share > 0.2
+    assert (found.wrong_sure_share or 0.0) < 0.05
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The map of the room alone."""
+    return map_of(tmp_path_factory.mktemp("map") / "room.map", ROOM)
+
+
+def out_and_back(path: Path, drift: float, carried: int | None = None) -> Log:
+    """A drive from the room to the end of the corridor and back, with wrong odometry.
+
+    In the corridor the robot may be carried back to the room's far corner from a reading on.
+    """
+    turns = [(18.5, 2.3, pi * k / 8) for k in range(1, 8)]
+    there = [(1.5 + 0.15 * k, 2.3, 0.0) for k in range(114)]
+    back = [(x, y, pi) for x, y, _ in reversed(there)]
+    poses = [*there, *turns, *back]
+    if carried is not None:
+        corner = [(1.0 + 0.1 * k, 1.0, 0.3) for k in range(40)]
+        poses = [*poses[:carried], *corner]
+    lines = np.array([*ROOM, *CORRIDOR], dtype=float)
+    others: dict[str, object] = {"ranges": made_logs.measured(poses, lines)}
+    if carried is not None:  # the wheels do not count it
+        step = relative(poses[carried - 1], poses[carried])
+        odometry = [
+            *poses[:carried],
+            *(compose(poses[carried - 1], relative(poses[carried], at)) for at in poses[carried:]),
+        ]
+        assert hypot(*step[:2]) > 5.0
+        others["odometry"] = np.array(odometry)
+    log = logs.read(made_logs.npz(path / "out.npz", poses, **others))
+    return logs.with_errors(log, drift, 2) if drift else log
+
+
+def test_a_robot_that_leaves_its_map_keeps_its_pose_and_comes_back(
+    room: str, tmp_path: Path
+) -> None:
+    log = out_and_back(tmp_path, 0.05)
+    track = Run(log, chosen(log, room), float).go()
+    found = summary(track)
+    off = [one.off_map for one in track.moments]
+    assert not off[0]
+    assert not off[-1]
+    assert 0.3 < found.off_map_share < 0.9
+    assert found.lost_share == found.wrong_sure_share == found.far_share == 0.0
+    assert found.odometry_most_m is not None
+    assert found.odometry_most_m > 0.8
+    deepest = off.index(True) + off.count(True) // 2
+    assert track.moments[deepest].deviation > 1.5 * track.moments[0].deviation
+    home = track.moments[-1]
+    assert home.reference is not None
+    assert hypot(*np.subtract(home.estimate, home.reference)[:2]) < 0.1
+
+
+def test_a_robot_that_is_carried_while_it_is_off_the_map_is_lost(room: str, tmp_path: Path) -> None:
+    log = out_and_back(tmp_path, 0.0, carried=90)
+    track = Run(log, chosen(log, room), float).go()
+    assert any(one.off_map for one in track.moments[:90])
+    assert not any(one.lost for one in track.moments[:90])
+    assert any(one.lost for one in track.moments[90:])
+
+
+def test_a_robot_that_is_carried_on_its_map_is_lost_and_found(tmp_path: Path) -> None:
+    """The scans after it follow each other as well as those before."""
+    floor = map_of(tmp_path / "floor.map", [*ROOM, *CORRIDOR])
+    log = out_and_back(tmp_path, 0.0, carried=90)
+    track = Run(log, chosen(log, floor), float).go()
+    assert not any(one.lost or one.off_map for one in track.moments[:90])
+    assert any(one.lost for one in track.moments[90:95])
+    assert sum(one.deviation < 0.5 for one in track.moments[90:95] if not one.lost) < 2
+    assert track.moments[-1].reference is not None
+    assert not track.moments[-1].lost
+    assert hypot(*np.subtract(track.moments[-1].estimate, track.moments[-1].reference)[:2]) < 0.1
 
 
 def test_missing_readings_parameters_walls_and_references_are_errors(

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from armadico.agents.methods.poses import Floats, compose, relative, wrapped
 from armadico.agents.slam.pose_graph import Edge, GraphParameters, Kernel, PoseGraph
-from armadico.agents.slam.poses import Floats, compose, relative, wrapped
 
 SURE = np.diag([1e4, 1e4, 1e5])
 

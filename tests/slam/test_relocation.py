@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from armadico.agents.slam.poses import Floats, compose, relative
+from armadico.agents.methods.poses import Floats, compose, relative
+from armadico.agents.methods.slices import finished
 from armadico.agents.slam.slam import Slam
-from armadico.agents.slam.slices import finished
 from tests.slam.worlds import BEARINGS, cast, drifted, drive, mapped, ring, square, twins
 
 PATH = square()

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armadico.agents.slam.poses import Floats, compose, relative, transformed
-from armadico.agents.slam.scan_matching import (
+from armadico.agents.methods.poses import Floats, compose, relative, transformed
+from armadico.agents.methods.scan_matching import (
     LikelihoodField,
     MatcherParameters,
     PointCloud,
@@ -22,7 +22,7 @@ from armadico.agents.slam.scan_matching import (
     point_to_line,
     voxel_filtered,
 )
-from armadico.agents.slam.slices import finished
+from armadico.agents.methods.slices import finished
 from tests.slam.worlds import BEARINGS, cast, ring
 
 P = MatcherParameters()
@@ -53,6 +53,16 @@ def test_normals_look_at_the_scanner_and_are_square_to_the_walls() -> None:
     assert np.median(np.abs(cloud.normals[known]).max(axis=1)) > 0.999
 
 
+def score(pose: np.ndarray, points: np.ndarray) -> float:
+    columns, rows = FIELD.cells(transformed(pose, points)).T
+    return float(FIELD.values[rows * FIELD.size + columns].mean())
+
+
+def shifts(offsets: np.ndarray, turns: np.ndarray) -> np.ndarray:
+    axes = np.meshgrid(offsets, offsets, turns)
+    return np.column_stack([axis.ravel() for axis in axes])
+
+
 @settings(max_examples=20, deadline=None)
 @given(x=st.floats(-0.25, 0.25), y=st.floats(-0.25, 0.25), turn=st.floats(-0.2, 0.2))
 def test_a_small_shift_is_found(x: float, y: float, turn: float) -> None:
@@ -76,9 +86,7 @@ def test_branch_and_bound_finds_the_best_of_a_large_window(x: float, y: float, t
     found = finished(branch_and_bound(FIELD, points, guess, Window(2.0, 0.35), 0.4))
     assert found is not None
     assert np.abs(relative(HERE, found.pose)).max() < 0.1
-    cells = FIELD.cells(transformed(found.pose, points))
-    at = FIELD.score(cells, np.zeros(1, dtype=np.intp), np.zeros(1, dtype=np.intp))
-    assert abs(float(at[0]) - found.score) < 0.2
+    assert abs(score(found.pose, points) - found.score) < 0.2
 
 
 def test_branch_and_bound_is_exhaustive_search_faster() -> None:
@@ -87,14 +95,20 @@ def test_branch_and_bound_is_exhaustive_search_faster() -> None:
     window, guess = Window(0.5, 0.06), HERE + np.array([0.2, -0.1, 0.03])
     found = finished(branch_and_bound(FIELD, points, guess, window, 0.1))
     assert found is not None
-    offsets = np.arange(-10, 26)
-    columns, rows = (axis.ravel() for axis in np.meshgrid(offsets, offsets))
+    offsets = np.arange(-10, 26) * P.resolution
     turns = np.arange(-3, 4) * P.coarse_angle_resolution
-    best = max(
-        float(FIELD.score(FIELD.cells(transformed(at, points)), columns, rows).max())
-        for at in guess + np.column_stack([0 * turns, 0 * turns, turns])
-    )
-    assert found.score == pytest.approx(best, abs=1e-5)
+    best = max(score(guess + shift, points) for shift in shifts(offsets, turns))
+    assert found.score == pytest.approx(best, abs=1e-2)
+
+
+@pytest.mark.parametrize("turn", [-0.15, 0.0, 0.12])
+def test_correlation_finds_the_best_pose_of_its_window(turn: float) -> None:
+    points = voxel_filtered(scan(HERE).points, 0.1, 200)
+    guess, prior = HERE + np.array([0.2, -0.14, turn]), Prior(0.2, 0.2)
+    _, found = correlate(FIELD, points, guess, Window(0.3, 0.2), prior)
+    offsets = np.arange(-3, 4) * 2 * P.resolution
+    turns = np.arange(-10, 11) * P.coarse_angle_resolution
+    assert found >= max(score(guess + shift, points) for shift in shifts(offsets, turns)) - 0.01
 
 
 def test_nothing_is_found_where_nothing_fits() -> None:
@@ -116,6 +130,24 @@ def test_a_bare_corridor_tells_nothing_along_it() -> None:
     pose = point_to_line(bare, cloud.points, guess, Prior(0.1, 0.1)).pose
     assert abs(pose[0] - 0.2) < 0.05
     assert abs(pose[1]) < 0.01
+
+
+def test_the_far_side_of_a_thin_wall_does_not_pull_a_pose_to_the_near_one() -> None:
+    """Seen from the other side for the first time, 0.1 m behind the side that is known."""
+    side = np.array([[1.0, -3.0, 1.0, 3.0]])
+    near = LikelihoodField(
+        in_world([(ZERO, point_cloud(cast(side, ZERO), BEARINGS))]), ZERO[:2], 8.0, P
+    )
+    behind = np.array([2.0, 0.0, np.pi])
+    cloud = point_cloud(cast(side + np.array([0.1, 0.0, 0.1, 0.0]), behind), BEARINGS)
+    prior = Prior(0.1, 0.1)
+    pulled = point_to_line(near, cloud.points, behind, prior).pose
+    assert abs(pulled[0] - 2.0) > 0.05
+    kept = point_to_line(near, cloud.points, behind, prior, facing=cloud.normals).pose
+    assert kept[:2] == pytest.approx(behind[:2])
+    same, off = point_cloud(cast(side, ZERO), BEARINGS), np.array([0.05, 0.0, 0.0])
+    found = point_to_line(near, same.points, off, prior, facing=same.normals).pose
+    assert abs(found[0]) < 0.01
 
 
 def test_rays_through_known_walls_are_counted() -> None:

@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from armadico.agents.methods.poses import Floats, compose, relative
 from armadico.agents.slam.loop_closure import LoopParameters
 from armadico.agents.slam.pose_graph import GraphParameters, Kernel
-from armadico.agents.slam.poses import Floats, compose, relative
 from armadico.agents.slam.slam import Slam, SlamParameters
 from tests.slam.worlds import (
     BEARINGS,

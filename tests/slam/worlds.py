@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from armadico.agents.slam.poses import Floats, compose, relative
+from armadico.agents.methods.poses import Floats, compose, relative
 from armadico.agents.slam.slam import Slam, SlamParameters, Update
 
 BEARINGS: Floats = np.radians(np.arange(-135.0, 135.0, 1.5))

@@ -225,6 +225,9 @@ BREAKAGES: Mapping[str, Breakage] = {
     "observer of another table": Breakage(
         lambda _: None, Sort.TABLE, "89abcdef", Demand(TABLE, "89abcdef")
     ),
+    "two mechanisms for the wheels": Breakage(
+        card("avoid", mechanisms=("wheels auction",)), Sort.MIXED, "by auction: avoid"
+    ),
     "two robot agents": Breakage(second("robot"), Sort.TWICE, "two robot agents"),
     "two encoders": Breakage(second("encoder"), Sort.TWICE, "encoder/pose"),
     "second simulator": Breakage(

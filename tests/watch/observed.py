@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from armadico.config.scenarios import Scenario
 from armadico.core.messages import Ask, BidHistory, Log, Message
 from armadico.core.services import BIDS, CARD, services
-from armadico.launch.society import Options
+from armadico.launch.society import Options, coordinated
 from armadico.launch.virtual import Rehearsal
 from armadico.mobile.messages import MissionStatus
 from armadico.observe.standing import Standing, standing
@@ -52,9 +52,11 @@ class Observed(Driven):
         scenario: Scenario = LINE,
         hosts: Callable[[str], str] = lambda _: "virtual",
         chronicle: Chronicle | None = None,
+        coordination: str | None = None,
     ) -> None:
         """Start all agents, without a goal; `hosts` returns the host of an agent by name."""
-        super().__init__(Rehearsal(scenario, Options(seed=seed)))
+        options = Options(seed=seed, coordination=coordination)
+        super().__init__(Rehearsal(coordinated(scenario, options), options))
         for node in self.mesh.nodes:
             object.__setattr__(node.agent.identity, "host", hosts(node.name))
         self.chronicle = chronicle or Chronicle()

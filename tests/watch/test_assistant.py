@@ -4,25 +4,31 @@ from __future__ import annotations
 
 import json
 import random
+from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
+from armadico.agents.interface.messages import MissionCancel
 from armadico.core.agent import Identity, Question
+from armadico.core.driver import Driver, Reply
 from armadico.core.messages import Cycle, Log, RobotState, Stop, decode, encode
 from armadico.core.outgoing import Answer, Publish, SendQuery
-from armadico.mobile.messages import MissionReply, MissionRequest, Waypoint
-from armadico.watch.assistant.assistant import Assistant, Parameters
+from armadico.mobile.messages import MissionReply, MissionRequest, Trajectory, Waypoint
+from armadico.watch.assistant.assistant import BUSY, TAKEN_BACK, Assistant, Parameters
 from armadico.watch.assistant.messages import AssistantRecord, AssistantReply, AssistantRequest
+from armadico.watch.assistant.policy.messages import Approvals
 from armadico.watch.assistant.tools import TOOLS
 
 
 class Counter:
     """An assistant agent, and the programs that use it."""
 
-    def __init__(self, **parameters: float) -> None:
+    def __init__(self, **parameters: object) -> None:
         identity = Identity("assistant-1", rng=random.Random(1))
         self.agent = Assistant(identity, Parameters(**parameters))
         self.agent.kernel.start(0.0)
+        self.agent.kernel.outbox.clear()  # that nothing waits for approval
         self.now = 1.0
         self.number = 0
         self.published: list[object] = []
@@ -73,13 +79,56 @@ class Counter:
         return [message for message in self.published if isinstance(message, Stop)]
 
 
+@pytest.mark.parametrize(
+    ("closed", "key", "by", "shown"),
+    [
+        (False, "assistant/request", "model", "model"),
+        (False, "assistant/request/mcp-claude", "model", "model"),  # the key proves nothing
+        (True, "assistant/request/mcp-claude", "mcp-claude", "mcp-claude (calls itself model)"),
+        (True, "assistant/request", "", ""),
+        (True, "assistant/request/mcp-claude/x", "", ""),
+        (True, "assistant", "", ""),
+        (True, "assistant/other/mcp-claude", "", ""),
+    ],
+)
+def test_with_keys_the_identity_in_the_key_counts_and_what_a_client_calls_itself_is_shown(
+    closed: bool, key: str, by: str, shown: str
+) -> None:
+    driver = Driver(Assistant(Identity("assistant-1", rng=random.Random(1))), 0.0, admit=False)
+    driver.kernel.closed = closed
+    driver.begin(0.0)
+    driver.drain()
+    driver.on_query(key, encode(AssistantRequest("where", "{}", "model")), "call", 1.0)
+    out = driver.drain()
+    records = [each.message for each in out if isinstance(each, Publish)]
+    asked = [each.request for each in records if isinstance(each, AssistantRecord)]
+    assert [each.key for each in out if isinstance(each, Reply)] == [key] * bool(by)
+    assert [(each.by, each.asker) for each in asked] == [(by, shown)] * bool(by)
+
+
+def test_without_keys_a_name_in_the_key_of_a_query_hides_no_approval(tmp_path: Path) -> None:
+    policy = tmp_path / "policy.toml"
+    policy.write_text('[default]\napproval = ["goto"]\n')
+    parameters = Parameters(policy=str(policy))
+    driver = Driver(Assistant(Identity("assistant-1"), parameters), 0.0, admit=False)
+    driver.begin(0.0)
+    request = encode(AssistantRequest("goto", '{"x": 2, "y": 1}', "model"))
+    driver.on_query("assistant/request/" + "y" * 300, request, "call", 1.0)
+    driver.wake(2.0)
+    sent = [each.message for each in driver.drain() if isinstance(each, Publish)]
+    (waiting,) = [each for each in sent if isinstance(each, Approvals)][-1].waiting
+    assert waiting.request.by == "model"
+    assert all(encode(each) for each in sent)
+
+
 STOPPED = Stop(3, stopped=True, by="ann", press=0x2A5F)
 
 
 def test_its_card_has_the_lowest_authority() -> None:
     card = Counter().agent.kernel.card()
     assert (card.resources, card.owns, card.holds, card.declares) == ((), (), (), ())
-    assert set(card.provides) == {"assistant/record", "assistant/request"}
+    events = {"assistant/record", "assistant/approvals", "assistant/ledger/*"}
+    assert set(card.provides) == events | {"assistant/request", "assistant/approve"}
 
 
 @pytest.mark.parametrize("tool", [name for name, tool in TOOLS.items() if not tool.does])
@@ -104,7 +153,10 @@ def test_a_goal_is_queried_as_by_people_and_replaces_no_goal_of_others() -> None
     assert counter.reply_to_query(MissionReply(77, length=2.0)).mission == 77
     assert [record.reply.mission for record in counter.records] == [0, 77]
     counter.request("goto", x=3, y=1)
-    assert counter.queries[-1].request == MissionRequest(Waypoint(3.0, 1.0, 0.0), replaces=77)
+    again = counter.queries[-1].request
+    assert isinstance(again, MissionRequest)
+    assert (again.goal, again.replaces) == (Waypoint(3.0, 1.0, 0.0), 77)
+    assert again.by, "a late mission names who waits for it"
 
 
 def test_a_refusal_of_the_queried_agent_is_passed_on_and_no_reply_is_a_refusal() -> None:
@@ -113,6 +165,175 @@ def test_a_refusal_of_the_queried_agent_is_passed_on_and_no_reply_is_a_refusal()
     assert counter.reply_to_query(MissionReply(0, "in a wall")).refusal == "in a wall"
     counter.request("goto", x=2, y=1)
     assert counter.reply_to_query(None).refusal
+
+
+def test_a_goal_is_cancelled_by_its_client_alone() -> None:
+    counter = Counter()
+    assert "no goal" in counter.refusal("cancel", number="0")
+    counter.request("goto", x=2, y=1)
+    counter.reply_to_query(MissionReply(77))
+    counter.number += 1
+    other = AssistantRequest("cancel", '{"number": "77"}', "other")
+    counter.agent.kernel.on_query(other, Question(counter.number), counter.now)
+    counter.collect()
+    assert counter.replies[counter.number].refusal
+    counter.request("cancel", number="77")
+    assert counter.queries[-1].request == MissionCancel(77, "assistant: model")
+    assert counter.reply_to_query(MissionReply(77)).text == "it is cancelled"
+
+
+def test_a_goal_that_a_mission_agent_still_plans_is_cancelled_once_it_has_a_number() -> None:
+    counter = Counter()
+    counter.request("goto", x=2, y=1)
+    goto, planned = counter.number, counter.queries[-1].id
+    assert counter.request("cancel") is None
+    cancel = counter.number
+    assert counter.refusal("cancel") == BUSY
+    counter.agent.kernel.on_reply(planned, MissionReply(77), counter.now)
+    counter.collect()
+    assert counter.queries[-1].request == MissionCancel(77, "assistant: model")
+    assert counter.replies[goto].refusal == TAKEN_BACK
+    assert cancel not in counter.replies
+    counter.agent.kernel.on_reply(counter.queries[-1].id, MissionReply(77), counter.now)
+    counter.collect()
+    assert counter.replies[cancel].text == "it is cancelled"
+    counter.request("goto", x=3, y=1)
+    goto, planned = counter.number, counter.queries[-1].id
+    counter.request("cancel")
+    counter.agent.kernel.on_reply(planned, MissionReply(0, "in a wall"), counter.now)
+    counter.collect()
+    assert counter.replies[goto].refusal == "in a wall"
+    assert "refused meanwhile" in counter.replies[counter.number].refusal
+    counter.request("goto", x=3, y=1)
+    assert counter.reply_to_query(MissionReply(78)).mission == 78, "the next one is not taken back"
+    driven = Trajectory(1, 78, (Waypoint(3.0, 1.0, 0.0),), by="assistant: model")
+    counter.receive(driven)
+    counter.request("goto", x=2, y=1)
+    planned = counter.queries[-1].id
+    counter.request("cancel")
+    counter.agent.kernel.on_reply(planned, MissionReply(0, "in a wall"), counter.now)
+    counter.collect()
+    assert counter.queries[-1].request == MissionCancel(78, "assistant: model"), "it drives on else"
+
+
+DRIVEN = Trajectory(1, 88, (Waypoint(3.0, 1.0, 0.0),), by="assistant: model")
+
+
+def cancelled_without_a_reply(*driven: Trajectory) -> tuple[Counter, int]:
+    """A second goal is cancelled while nobody answers it; return the number of the `cancel`."""
+    counter = Counter()
+    counter.request("goto", x=2, y=1)
+    counter.reply_to_query(MissionReply(77))
+    counter.request("goto", x=3, y=1)
+    goto = counter.queries[-1].id
+    counter.request("cancel")
+    counter.receive(*driven)
+    counter.agent.kernel.on_reply(goto, None, counter.now)
+    counter.collect()
+    return counter, counter.number
+
+
+def test_a_goal_whose_reply_was_lost_is_cancelled_and_replaced_as_any() -> None:
+    counter, cancel = cancelled_without_a_reply(DRIVEN)
+    assert counter.queries[-1].request == MissionCancel(88, "assistant: model")
+    counter.agent.kernel.on_reply(counter.queries[-1].id, MissionReply(88), counter.now)
+    counter.collect()
+    assert counter.replies[cancel].text == "it is cancelled"
+    counter.request("goto", x=5, y=1)
+    request = counter.queries[-1].request
+    assert isinstance(request, MissionRequest)
+    assert request.replaces == 88
+
+
+def test_a_goal_that_begins_after_its_cancel_got_no_reply_is_cancelled_then() -> None:
+    counter, cancel = cancelled_without_a_reply()
+    assert "may still begin" in counter.replies[cancel].refusal
+    queries = len(counter.queries)
+    counter.receive(replace(DRIVEN, mission=77))  # the goal before it
+    assert len(counter.queries) == queries
+    counter.receive(replace(DRIVEN, counter=2), replace(DRIVEN, counter=3))
+    assert [each.request for each in counter.queries[queries:]] == [
+        MissionCancel(88, "assistant: model")
+    ]
+    again, _ = cancelled_without_a_reply()
+    again.request("goto", x=3, y=1)
+    again.receive(DRIVEN)
+    assert isinstance(again.queries[-1].request, MissionRequest), "the next one is not taken back"
+
+
+def test_the_trajectory_of_a_goal_that_was_replaced_is_no_last_goal() -> None:
+    counter = Counter()
+    for number in (77, 78):
+        counter.request("goto", x=2, y=1)
+        counter.reply_to_query(MissionReply(number))
+    counter.receive(replace(DRIVEN, mission=77))
+    counter.request("cancel")
+    assert counter.queries[-1].request == MissionCancel(78, "assistant: model")
+
+
+def asks(counter: Counter, tool: str, asker: str, text: str = "{}") -> AssistantReply | None:
+    counter.number += 1
+    request = AssistantRequest(tool, text, "model")
+    counter.agent.kernel.on_query(request, Question(counter.number, asker), counter.now)
+    counter.collect()
+    return counter.replies.get(counter.number)
+
+
+def test_no_client_keeps_the_cancel_of_another_one_out() -> None:
+    counter = Counter()
+    asks(counter, "goto", "mcp-b", '{"x": 2, "y": 1}')
+    counter.reply_to_query(MissionReply(77))
+    asks(counter, "goto", "mcp-a", '{"x": 3, "y": 1}')
+    planned = counter.queries[-1].id
+    assert asks(counter, "cancel", "mcp-b") is None
+    assert counter.queries[-1].request == MissionCancel(77, "assistant: mcp-b")
+    cancel = counter.number
+    again = asks(counter, "cancel", "mcp-b")
+    assert again is not None
+    assert again.refusal == BUSY, "one at a time"
+    counter.agent.kernel.on_reply(counter.queries[-1].id, MissionReply(77), counter.now)
+    counter.agent.kernel.on_reply(planned, MissionReply(78), counter.now)
+    counter.collect()
+    assert counter.replies[cancel].text == "it is cancelled"
+    assert counter.replies[cancel - 1].mission == 78
+
+
+def test_with_keys_each_client_has_its_own_rate_and_without_them_the_own_goal_is_cancelled() -> (
+    None
+):
+    counter = Counter(a_second=1.0, at_once=5)
+    while not (asks(counter, "where", "mcp-a") or AssistantReply()).refusal:
+        pass
+    assert asks(counter, "where", "mcp-b") == AssistantReply()
+    counter = Counter(a_second=1.0, at_once=5)
+    counter.receive(replace(DRIVEN, mission=77))
+    while not counter.refusal("where"):
+        pass
+    assert counter.request("cancel") is None
+    assert counter.queries[-1].request == MissionCancel(77, "assistant: model")
+    assert "too many" in counter.refusal("cancel"), "it is being cancelled"
+    assert "too many" in counter.refusal("cancel", number="5")
+    other = AssistantRequest("cancel", "{}", "other")
+    counter.agent.kernel.on_query(other, Question(9999), counter.now)
+    counter.collect()
+    assert "too many" in counter.replies[9999].refusal
+
+
+def test_the_own_goal_is_known_after_a_restart_also_without_a_policy() -> None:
+    driven = Trajectory(1, 77, (Waypoint(2.0, 1.0, 0.0),), by="assistant: model")
+    counter = Counter()
+    counter.receive(driven)
+    counter.request("goto", x=3, y=1)
+    request = counter.queries[-1].request
+    assert isinstance(request, MissionRequest)
+    assert request.replaces == 77
+    again = Counter()
+    again.receive(driven)
+    again.request("cancel")
+    assert again.queries[-1].request == MissionCancel(77, "assistant: model")
+    other = Counter()
+    other.receive(replace(driven, by="ann"))
+    assert "no goal of yours" in other.refusal("cancel")
 
 
 def test_one_query_at_a_time() -> None:
@@ -151,7 +372,8 @@ def test_a_release_is_only_requested_of_people_with_the_stops_code() -> None:
         ("goto", "", "goto: "),
         ("goto", "{", "goto: "),
         ("goto", "[1, 2]", "array"),
-        ("goto", '{"x": 1}', "`y`"),
+        ("goto", '{"x": 1}', "x and y"),
+        ("goto", '{"place": "kitchen"}', "'kitchen'"),
         ("goto", '{"x": NaN, "y": 0}', "goto: "),
         ("goto", '{"x": 1e999, "y": 0}', "goto: "),
         ("goto", '{"x": "1", "y": 0}', "$.x"),

@@ -13,6 +13,7 @@ import pytest
 from msgspec import msgpack
 
 from armadico.core.journal import PUBLISH
+from armadico.core.judgement import UNKNOWN_EXIT
 from armadico.core.messages import OLDEST
 from armadico.watch.commands import audit, export, replay, why
 from armadico.watch.recordings import Past
@@ -23,16 +24,16 @@ RECORDED = Path(__file__).parents[1] / "recordings" / "protocol-2.mcap"
 Capture = pytest.CaptureFixture[str]
 
 
-def run(main: Callable[[list[str]], int], capsys: Capture, *words: str) -> str:
-    assert main([str(RECORDED), *words]) == 0
+def run(main: Callable[[list[str]], int], capsys: Capture, *words: str, code: int = 0) -> str:
+    assert main([str(RECORDED), *words]) == code
     return capsys.readouterr().out
 
 
-def test_it_is_audited(capsys: Capture) -> None:
-    judged = json.loads(run(audit.main, capsys, "--json"))
-    found = {each["promise"]: each for each in judged["promises"]}
-    assert found["one-driver"]["answer"] == "yes"
-    assert [note.split(",")[0] for note in judged["notes"]] == ["recorded with protocol 2"]
+def test_it_is_audited_and_does_not_pass_as_its_keys_name_no_publisher(capsys: Capture) -> None:
+    judged = json.loads(run(audit.main, capsys, "--json", code=UNKNOWN_EXIT))
+    assert judged["answer"] == "unknown"
+    assert "yes" not in {each["answer"] for each in judged["promises"]}
+    assert [why.split(",")[0] for why in judged["unread"]] == ["recorded with protocol 2"]
 
 
 def test_why_names_the_agent_that_drove(capsys: Capture) -> None:

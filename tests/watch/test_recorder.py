@@ -20,6 +20,8 @@ from armadico import cli
 from armadico.cli import options
 from armadico.core import messages as m
 from armadico.core.services import services
+from armadico.launch.virtual_session import VirtualSession
+from armadico.mesh.virtual import VirtualMesh
 from armadico.mobile.messages import Echo, Origin, Pose, Sonar
 from armadico.observe.watching import (
     Presence,
@@ -29,6 +31,7 @@ from armadico.observe.watching import (
     json_schema,
     kind_at,
 )
+from armadico.watch.commands import record as command
 from armadico.watch.export import Tables, to_rrd
 from armadico.watch.mcap_records import MAGIC
 from armadico.watch.recorder import TRIES, Gaps, Recording, record
@@ -441,3 +444,13 @@ def test_a_recording_that_cannot_be_made_ends_the_run_before_it_begins(
     told = capsys.readouterr()
     assert "pip install 'armadico[record]'" in told.err
     assert "reached" not in told.out
+
+
+@pytest.mark.parametrize(("kept", "lost", "code"), [(9, 0, 0), (9, 3, 3), (0, 0, 3)])
+def test_a_recording_that_lost_messages_is_not_whole(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, kept: int, lost: int, code: int
+) -> None:
+    monkeypatch.setattr(options.Meshes, "join_each", lambda _: [VirtualSession(VirtualMesh(1))])
+    monkeypatch.setattr(VirtualSession, "wait_joined", lambda *_: True)
+    monkeypatch.setattr(command, "_record", lambda *_: (kept, lost))
+    assert cli.main(["record", str(tmp_path / "run.mcap")]) == code

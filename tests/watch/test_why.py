@@ -17,8 +17,8 @@ from msgspec.structs import replace
 from armadico.bridge.p2os.commands import Cmd, command
 from armadico.config.scenarios import Scenario, ideal, load_scenario
 from armadico.core.exchange import Bid
-from armadico.core.messages import PROTOCOL, Cycle, RobotState, Stop
-from armadico.core.resources import WHEELS
+from armadico.core.messages import PROTOCOL, Ack, Cycle, RobotState, Stop
+from armadico.core.resources import WHEELS, Resource, declare
 from armadico.mesh.link_faults import WHOLE
 from armadico.mobile.messages import Correction, MissionRequest, Waypoint
 from armadico.mobile.obstacles import Obstacles
@@ -349,3 +349,16 @@ def test_a_stop_that_is_latched_again_before_its_release_names_the_second_sender
     assert "bert" in anna.sentences[-1]
     assert f"{bert.t:.2f} s" in anna.sentences[-1]
     assert anna.released is bert.released is None
+
+
+def test_acks_of_a_resource_with_long_cycles_are_no_pause() -> None:
+    """Their exchanges are counted, and one that there was not is not unknown."""
+    slow = declare(Resource("slow-of-why", ("a",), (1.0,), (0.0,), period_s=5.0))
+    society = Observed().let_pass(0.5)
+    chronicle, begun = society.chronicle, society.mesh.now
+    ack = Ack(slow.name, Cycle(1, 1))
+    for number in range(4):
+        chronicle.update(slow.ack_key, ack, begun + 5.0 * number)
+    assert not chronicle.uncounted("exchange", slow.name)
+    chronicle.update(slow.ack_key, ack, begun + 60.0)
+    assert chronicle.uncounted("exchange", slow.name)

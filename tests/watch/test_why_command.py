@@ -12,6 +12,7 @@ import pytest
 pytest.importorskip("mcap")
 
 from armadico import cli
+from armadico.cli import options
 from armadico.core.messages import PROTOCOL, BidHistory, BidRecord, Card, Stop, encode
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
@@ -53,6 +54,19 @@ def query(recording: Path, capsys: pytest.CaptureFixture[str]) -> Ask:
         return json.loads(out) if code == 0 else (code, err)
 
     return put
+
+
+def copied(recording: Path, to: Path, keep: Callable[[str, float], bool]) -> None:
+    """Write a recording with the messages to keep, by key and time, s."""
+    kept = Recording(to)
+    for row in rows(recording, pytest.fail):
+        if not row.schema or row.message is None or not keep(row.key, row.t / 1e9 - BEGUN):
+            continue
+        message = row.message
+        on_query = isinstance(message, Card | BidHistory)
+        if not isinstance(message, BidRecord):
+            kept.add(Received(row.namespace, row.key, encode(message), row.t, on_query))
+    kept.close()
 
 
 def test_what_happened_is_told_in_order(query: Ask) -> None:
@@ -178,15 +192,40 @@ def test_a_recording_of_another_protocol_or_of_several_robots_is_refused(
 def test_a_gap_is_not_blamed_on_the_robot(recording: Path, query: Ask, tmp_path: Path) -> None:
     """Between two seconds nothing was kept."""
     gap = tmp_path / "gap.mcap"
-    kept = Recording(gap)
-    for row in rows(recording, pytest.fail):
-        if 5e9 < row.t - BEGUN * 10**9 < 11e9 or not row.schema or row.message is None:
-            continue
-        message = row.message
-        on_query = isinstance(message, Card | BidHistory)
-        if not isinstance(message, BidRecord):
-            kept.add(Received(row.namespace, row.key, encode(message), row.t, on_query))
-    kept.close()
+    copied(recording, gap, lambda _, t: not 5.0 < t < 11.0)
     found = query("--standing", "--at", "9.0", path=gap)
     assert (found["cause"]["sort"], found["cause"]["who"]) == ("unknown", "")
     assert "a recording has a gap" in found["cause"]["what"]
+
+
+@pytest.mark.parametrize(
+    ("key", "what", "why"),
+    [
+        ("sim/truth", "collision", "no sim/truth was received"),
+        ("resource/wheels/ack", "exchange", "no resource/wheels/ack was received"),
+        ("robot/st", "stop", "no robot/state was received"),
+    ],
+)
+def test_events_that_nothing_counted_are_unknown_and_not_none(
+    recording: Path, query: Ask, tmp_path: Path, key: str, what: str, why: str
+) -> None:
+    blind = tmp_path / "blind.mcap"
+    copied(recording, blind, lambda row_key, _: not row_key.startswith(key))
+    found = query(path=blind)
+    assert found["unknown"][what] == why
+    assert found[f"{what}s"] is None
+    code, said = query(f"--{what}", "1", path=blind)
+    assert code == options.UNKNOWN
+    assert why in said
+
+
+def test_events_after_the_last_message_that_counts_them_are_unknown(
+    recording: Path, query: Ask, tmp_path: Path
+) -> None:
+    blind = tmp_path / "blind.mcap"
+    copied(recording, blind, lambda key, t: key != "sim/truth" or not 4.1 < t < 8.1)
+    assert "was received from 4" in query(path=blind)["unknown"]["collision"]
+    ended = tmp_path / "ended.mcap"
+    copied(recording, ended, lambda key, t: key != "sim/truth" or t < 4.2)
+    assert "was received after 4" in query(path=ended)["unknown"]["collision"]
+    assert query()["unknown"] == {}

@@ -16,8 +16,10 @@ def test_only_its_own_missions_are_cancelled() -> None:
     ended = MissionEnd.ACTIVE
     mine = BoardMission(5, "rounds", 0.0, ended, by="assistant: model")
     anns = BoardMission(6, "surveillance", 0.5, ended, by="ann")
-    counter.receive(Board(1, 9, (mine, anns)), STOPPED)
+    others = BoardMission(8, "rounds", 0.0, ended, by="assistant: other")
+    counter.receive(Board(1, 9, (mine, anns, others)), STOPPED)
     assert "ann" in counter.refusal("cancel", number="6")
+    assert "by assistant: other" in counter.refusal("cancel", number="8")
     assert "7" in counter.refusal("cancel", number="7")
     counter.request("cancel", number="5")  # even while it is stopped
     assert counter.queries[-1].request == MissionCancel(5, "assistant: model")

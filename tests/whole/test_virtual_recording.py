@@ -13,28 +13,10 @@ pytest.importorskip("mcap")
 pytest.importorskip("mcap_ros2")
 
 
-from armadico.config.scenarios import load_scenario
 from armadico.config.worlds import load_world
-from armadico.launch.society import Options, prepared
-from armadico.launch.virtual import Rehearsal
 from armadico.mobile.geometry import Pose2, compose, to_world
-from armadico.watch.virtual_recording import Recorded
 from tests.ros2.ros2_reader import mcap_support
-
-
-def run(path: Path | None, profile: str = "pioneer-2dx", limit: float = 6.0) -> Rehearsal:
-    options = Options(seed=11, limit=limit, sensors="ideal")
-    made = Rehearsal(prepared(load_scenario("sc4"), options, profile=profile), options)
-    if path is None:
-        made.run()
-    else:
-        with Recorded(made.mesh, path, made.namespace):
-            made.run()
-    return made
-
-
-def stamp(header: Any) -> tuple[int, int]:
-    return header.stamp.sec, header.stamp.nanosec
+from tests.watch.test_virtual_recording import run, stamp
 
 
 def frames(found: dict[str, list[Any]]) -> dict[str, dict[tuple[int, int], Pose2]]:

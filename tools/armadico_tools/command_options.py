@@ -1,17 +1,23 @@
-"""Options that the laboratory's commands share, and how they run a series."""
+"""Options that the laboratory's commands share."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import TYPE_CHECKING, Final
 
-from armadico.cli import options
+from armadico.cli.options import UsageError
 from armadico.cli.parsing import at_least, flag, option
+from armadico.core.errors import no_such
+from armadico.core.installed import entries
 
-T = TypeVar("T")
-R = TypeVar("R")
+if TYPE_CHECKING:
+    from armadico.cli.pool import Pool
+
+POOLS: Final = "armadico.pools"
+"""Entry points: functions of (address, jobs) that return a context manager of a `Pool`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,7 +25,13 @@ class Series:
     """How a series of runs is run and printed."""
 
     jobs: int | None = option(
-        "run J processes (default: one per core)", metavar="J", must=at_least(1)
+        "run J processes, or jobs of a cluster (default: one per core)",
+        metavar="J",
+        must=at_least(1),
+    )
+    on: str | None = option(
+        "run on a cluster: dask://HOST:PORT, or slurm (default: on the cores of this computer)",
+        metavar="CLUSTER",
     )
     json: bool = flag("print the results as JSON")
 
@@ -27,30 +39,18 @@ class Series:
     def processes(self) -> int:
         return self.jobs or os.cpu_count() or 1
 
+    @contextmanager
+    def workers(self) -> Iterator[Pool]:
+        """Where the runs are run. Raises UsageError for a cluster that cannot be used."""
+        from armadico.cli.pool import Local
 
-def over(
-    function: Callable[[T], R],
-    tasks: Sequence[T],
-    processes: int,
-    label: str,
-    done: Callable[[T, R], None],
-) -> bool:
-    """Apply a function to tasks in processes. Returns False after Ctrl-C, or if one was killed."""
-    from concurrent.futures import BrokenExecutor
-
-    from armadico.cli import pool
-
-    count = 0
-
-    def counted(task: T, result: R) -> None:
-        nonlocal count
-        done(task, result)
-        count += 1
-
-    try:
-        pool.over(function, tasks, processes, label, counted)
-    except (KeyboardInterrupt, BrokenExecutor) as error:
-        why = "a process was killed" if isinstance(error, BrokenExecutor) else "interrupted"
-        options.report(f"{why} after {count} of {len(tasks)} {label}")
-        return False
-    return True
+        if self.on is None:
+            yield Local(self.processes)
+            return
+        name, _, address = self.on.partition("://")
+        pools = {point.name: point for point in entries(POOLS)}
+        if name not in pools:
+            known = no_such("cluster", name, pools)
+            raise UsageError(f"--on {self.on}: {known}; expected dask://HOST:PORT or slurm")
+        with pools[name].load()(address, self.jobs) as pool:
+            yield pool

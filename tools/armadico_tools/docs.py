@@ -15,11 +15,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
+from armadico.agents.rivals.systems import MECHANISMS, SYSTEMS
 from armadico.agents.supervision.wakeup import Wakeup
 from armadico.config.scenarios import society
 from armadico.core.agent import Agent
 from armadico.core.coordination import TRANSITIONS, Event, State
-from armadico.core.discovery import summary
+from armadico.core.discovery import AGENTS, find, summary
 from armadico.core.messages import Ack, Claim, Command, Log, Message, Stop, Void
 from armadico.core.parameters import Parameters
 from armadico.core.services import TOKEN, Service, matches
@@ -173,7 +174,7 @@ def agent_list(*, asked_for: bool = False) -> str:
     """The agents of a society, or the optional ones."""
     usual = (society().robot, *society().agents)
     rows = (
-        (f"`{name}`", summary(kind.__module__), ", ".join(r.name for r in kind.competes_for))
+        (f"`{name}`", find(AGENTS, name).summary, ", ".join(r.name for r in kind.competes_for))
         for name, kind in agents().items()
         if (name in usual) != asked_for
     )
@@ -206,6 +207,41 @@ def shared_parameters() -> str:
     return table(("parameter", "type and range", "default", ""), rows)
 
 
+def mechanisms() -> str:
+    """The coordinations beside ballots."""
+    offers = {"": "", "rate": "votes", "vector": "vectors"}
+    rows = [
+        (
+            f"`{name}`",
+            each.about,
+            f"`{each.arbiter}`",
+            ", ".join(
+                filter(None, (offers[each.needs], "the extra `rivals`" * bool(each.library)))
+            ),
+        )
+        for name, each in sorted(MECHANISMS.items())
+    ]
+    return table(("`--coordination`", "what decides", "its agent", "needs"), rows)
+
+
+def systems() -> str:
+    """The systems of the thesis's chapter 2, and what stands for them."""
+    rows = [
+        (
+            each.title + " (sequencing only)" * each.sequencing,
+            each.section,
+            f"`{name}`" if each.mechanism else "-",
+            " ".join((f"`{each.mechanism}`", *map("`{}`".format, each.sets)))
+            if each.mechanism
+            else "-",
+            each.lacks,
+        )
+        for name, each in SYSTEMS.items()
+    ]
+    head = ("system", "thesis", "`--coordination`", "mechanism", "missing or different")
+    return table(head, [(*map(str, row),) for row in rows])
+
+
 PARTS: Final[dict[str, Callable[[], str]]] = {
     "keys": keys,
     "fields": fields,
@@ -217,4 +253,6 @@ PARTS: Final[dict[str, Callable[[], str]]] = {
     "more agents": partial(agent_list, asked_for=True),
     "parameters": parameters,
     "shared parameters": shared_parameters,
+    "mechanisms": mechanisms,
+    "systems": systems,
 }

@@ -98,6 +98,8 @@ def type_text(info: types.Type) -> str:
             text = " or ".join([*rest, *(["null"] if len(rest) < len(members) else [])])
         case types.VarTupleType(item_type=item, max_length=most):
             text = f"array of{'' if most is None else f' up to {most:,}'} ({type_text(item)})"
+        case types.DictType(value_type=value):
+            text = f"table of name = {type_text(value)}"
         case types.StructType(cls=cls):
             text = f"[{cls.__name__}](#{cls.__name__.lower()})"
         case types.EnumType(cls=cls):

@@ -22,7 +22,7 @@ from armadico.launch.run import Run
 from armadico.launch.society import Options
 from armadico.launch.virtual import SETTLE_S, Rehearsal
 from armadico.mesh.virtual import VirtualMesh
-from armadico.mobile.messages import FleetPose, Waypoint
+from armadico.mobile.messages import FleetAwards, FleetPose, FleetProposals, Waypoint
 from armadico.runtime.blame import attributed
 from armadico.runtime.errors import AbsentError, MissionRefusedError
 
@@ -35,7 +35,7 @@ HEAR_S = 1.5  # each robot of a live fleet publishes within this time
 SLOW_M_S = 0.1  # a lower bound for a robot's mean speed between tasks
 
 # The watched messages that all robots publish beside their namespaces.
-SHARED = (FleetClaims, FleetPose)
+SHARED = (FleetClaims, FleetPose, FleetProposals, FleetAwards)
 
 
 def robots_of(scenario: Scenario, count: int | None) -> list[Scenario]:

@@ -11,7 +11,7 @@ from msgspec import Struct
 from armadico.agents.fleet.messages import FleetClaims, FleetStatus
 from armadico.core.judgement import Judgement, all_of, no, unknown, yes
 from armadico.core.messages import Description, Message
-from armadico.mobile.messages import FleetPose, Truth
+from armadico.mobile.messages import FleetAwards, FleetPose, FleetProposals, Truth
 from armadico.observe.ground_truth import GroundTruth
 from armadico.observe.view import View
 
@@ -139,6 +139,8 @@ class FleetWatch:
             self.status[robot], self._status_at[robot] = message, now
         elif isinstance(message, FleetClaims):
             self._on_claims(message)
+        elif isinstance(message, FleetProposals | FleetAwards):
+            self._count(message)
         elif isinstance(message, Truth | Description):
             one.view.learn(message, now)
             if message is one.view.truth:
@@ -184,7 +186,7 @@ class FleetWatch:
         self._given_up[message.robot] = self.now, frozenset(message.given_up if of_it else ())
         if not of_it:
             return
-        self.messages += self.ended is None
+        self._count(message)
         for each in message.done:
             did = self._one(each.by).tasks
             if each.task not in did:
@@ -192,6 +194,11 @@ class FleetWatch:
                 self._unsure |= {each.task} if each.unsure else set()
         if self.ended is None and len(self.done) == self.tasks:
             self.ended = self.now
+
+    def _count(self, message: FleetClaims | FleetProposals | FleetAwards) -> None:
+        """Count a message for sharing the list."""
+        of_it = self.began is not None and message.cycle.epoch == self.list
+        self.messages += of_it and self.ended is None
 
     @property
     def done(self) -> set[int]:
@@ -274,6 +281,8 @@ FLEET_WATCHED: tuple[type[Message], ...] = (
     FleetStatus,
     FleetClaims,
     FleetPose,
+    FleetProposals,
+    FleetAwards,
     Truth,
     Description,
 )

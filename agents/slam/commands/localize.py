@@ -229,6 +229,7 @@ def _rows(found: Summary) -> Iterator[tuple[str, str]]:
         yield "error over 0.3 m", _percent(found.off_share)
         way = f"{found.off_longest_s or 0.0:.0f} s, {found.off_longest_m or 0.0:.0f} m"
         yield "  longest", way
+        yield "error over 0.5 m", _percent(found.far_share)
         yield "wrong and sure", _percent(found.wrong_sure_share)
         yield "  longest", f"{found.wrong_sure_longest_s or 0.0:.0f} s"
         two = (found.published_median_m, found.published_95_m)
@@ -237,6 +238,7 @@ def _rows(found: Summary) -> Iterator[tuple[str, str]]:
     else:
         yield "error", "the log has no reference"
     yield "reported lost", _percent(found.lost_share)
+    yield "reported off the map", _percent(found.off_map_share)
     if found.found_s is not None:
         off = "" if found.found_off_m is None else f", {found.found_off_m:.2f} m off"
         yield "first found after", f"{found.found_s:.0f} s{off}"

@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 from msgspec import Struct
 
+from armadico.agents.methods.poses import Floats, compose, relative, wrapped
 from armadico.agents.slam.logs.logs import Log, LogError
-from armadico.agents.slam.poses import Floats, compose, relative, wrapped
 from armadico.agents.slam.slam import Slam, SlamParameters
 from armadico.config.graph_file import DrawnScan, SavedGraph
 from armadico.config.grid_map import Cells
@@ -140,7 +140,7 @@ def mapped(
     if not slam.map.numbers:
         raise LogError(f"{log.name}: no scan can be used: expected scans of a laser with 20 ranges")
     times = np.array([log.time(i) for i in range(count)])
-    return Mapped(slam, online, _path(log, slam), times, spent)
+    return Mapped(slam, online, path_of(log, slam), times, spent)
 
 
 def _scan(log: Log, reading: int) -> Scan:
@@ -150,7 +150,7 @@ def _scan(log: Log, reading: int) -> Scan:
     return said
 
 
-def _path(log: Log, slam: Slam) -> Floats:
+def path_of(log: Log, slam: Slam) -> Floats:
     """The pose of every reading: by odometry from key scan to key scan, which share the error."""
     scans, odometry = slam.map, log.odometry[log.rows]
     found = np.empty((len(odometry), 3))
@@ -177,7 +177,7 @@ def graph_of(log: Log, slam: Slam) -> SavedGraph:
 
 
 def drawn(log: Log, graph: SavedGraph) -> Cells:
-    """The grid of its largest part. Raises LogError if it has no occupied cell."""
+    """The grid of its main part. Raises LogError if it has no occupied cell."""
     cells = graph.drawn()
     if not cells.states.size:
         raise LogError(f"{log.name}: no wall is seen from the path: the map is empty")

@@ -14,8 +14,11 @@ from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import FILE, Command, flag, option, several
 
 if TYPE_CHECKING:
+    from armadico.agents.slam.commands.joined import Merged
     from armadico.agents.slam.commands.run import Figures, Mapped, Relations
     from armadico.agents.slam.logs.logs import Log
+    from armadico.agents.slam.slam import SlamParameters
+    from armadico.config.graph_file import SavedGraph
 
 
 EXAMPLES: Final = """\
@@ -26,6 +29,7 @@ EXAMPLES: Final = """\
   armadico slam freiburg.npz -o map.yaml --drift 0.15 --json errors added to a corrected path
   armadico slam hall.npz -o hall.yaml --set max_range=30
   armadico slam intel.npz --over first --align -o half.yaml  to localize the other half on it
+  armadico slam friday.npz --onto monday.yaml -o both.yaml --picture changes.png
 """
 
 RELATED: Final = (
@@ -43,8 +47,20 @@ class Options(log_file.LogOptions):
         "--output",
         metavar="FILE",
     )
-    picture: Path | None = option("draw the map, the path and the loops", metavar="FILE.png")
-    align: bool = flag("write map and path in the frame of the log's reference, moved as a whole")
+    picture: Path | None = option(
+        "draw the map, the path and the loops; with --onto, what is new and what is gone",
+        metavar="FILE.png",
+    )
+    onto: Path | None = option(
+        "continue a saved map of the same building: the log is merged with it if its place on it"
+        " is proved; the map itself stays as it is",
+        either="frame",
+        metavar="MAP.yaml",
+        must=FILE,
+    )
+    align: bool = flag(
+        "write map and path in the frame of the log's reference, moved as a whole", either="frame"
+    )
     relations: Path | None = option(
         "measure the path on the relative poses of a file: t1 t2 x y z roll pitch yaw",
         metavar="FILE",
@@ -64,7 +80,9 @@ def run(args: Options) -> int:
     from armadico.agents.slam.slam import SlamParameters
     from armadico.cli.pool import progress
     from armadico.config.loading import set_values
+    from armadico.core.judgement import all_of
 
+    earlier = None if args.onto is None else _earlier(args.onto, args.output)
     parameters = set_values(SlamParameters(do_loop_closing=not args.no_loops), args.sets)
     _check(args)
     say = options.reporter("armadico slam")
@@ -77,16 +95,22 @@ def run(args: Options) -> int:
         found = runs.mapped(log, parameters, time.process_time, step)
     if args.align:
         found = runs.on_reference(log, found)
+    merged = None if earlier is None else _merged(args, earlier, log, found, parameters)
+    found = found if merged is None else merged.found
     related = None if given is None else runs.relations(log, found, given)
-    written, outside = _write(args, log, found)
+    written, outside = _write(args, log, found, merged)
     figures = runs.figures(log, found)
     judged = runs.judgement(log, figures, outside)
     rows = [*_rows(figures), *(() if related is None else _related(related))]
+    if merged is not None:
+        judged = all_of([merged.judgement, judged])
+        rows += merged.rows
     log_file.report(
         *(args, log, judged, figures, rows, drift),
         drift=drift,
         sets=args.sets,
         relations=related,
+        onto=None if merged is None else merged.figures,
         memory_most_mib=_memory_mib(),
     )
     if related is not None and not args.json:
@@ -101,16 +125,48 @@ def run(args: Options) -> int:
     return code
 
 
+def _earlier(onto: Path, output: Path | None) -> SavedGraph:
+    """The map that is continued. Raises UsageError if what is written would replace a map.
+
+    Raises ConfigError with a file's name for what is no map or is being written.
+    """
+    from armadico.agents.slam.commands import joined
+
+    if output is None:
+        (graph,) = joined.opened([onto], [])
+        return graph
+    alone = options.apart(output)
+    (graph,) = joined.opened([onto], [output, alone])
+    if alone.exists():  # nobody has named it
+        raise UsageError(
+            f"-o {output}: {alone} is there, where the log's map goes if it is not merged: move it,"
+            " or name another file"
+        )
+    return graph
+
+
+def _merged(
+    args: Options, earlier: SavedGraph, log: Log, found: Mapped, parameters: SlamParameters
+) -> Merged:
+    """The log's map with the one that it continues."""
+    from armadico.agents.slam.commands import joined
+
+    return joined.merged(earlier, log, found, parameters, str(args.onto))
+
+
 def _check(args: Options) -> None:
     """Raises ConfigError or FailedError before anything is read."""
+    from armadico.agents.slam.commands import view
+
     if args.output is not None:
         options.check_map(args.output)
-    if args.picture is not None and not args.picture.resolve().parent.is_dir():
-        raise FailedError(f"cannot write {args.picture}: there is no such folder")
+    view.check(args.picture)
 
 
-def _write(args: Options, log: Log, found: Mapped) -> tuple[list[str], int]:
+def _write(args: Options, log: Log, found: Mapped, merged: Merged | None) -> tuple[list[str], int]:
     """Write what was asked for; a line about each, and the key scans that the grid left out.
+
+    The map of a log that was not merged is not written in the place of the merged one.
 
     Raises FailedError, LogError, ConfigError.
     """
@@ -119,23 +175,31 @@ def _write(args: Options, log: Log, found: Mapped) -> tuple[list[str], int]:
 
     if args.output is None and args.picture is None:
         return [], 0
-    graph = runs.graph_of(log, found.slam)
+    output, both = args.output, None if merged is None else merged.both
+    if output is not None and merged is not None and both is None:
+        output = options.apart(output)
+    graph = runs.graph_of(log, found.slam) if both is None else both.graph
     cells = runs.drawn(log, graph)
     lines, at = [], args.output
     try:
-        if args.output is not None:
-            at = args.output
-            files = {args.output.with_suffix(".tum"): runs.trajectory(found)}
-            if args.output.suffix != ".map":
-                files[graph_file.beside(args.output)] = graph_file.encode(graph)
-            written = grid_map.save(cells, args.output, files)
+        if output is not None:
+            at = output
+            files = {output.with_suffix(".tum"): runs.trajectory(found)}
+            if output.suffix != ".map":
+                files[graph_file.beside(output)] = graph_file.encode(graph)
+            written = grid_map.save(cells, output, files)
             lines.append("map and path: " + ", ".join(map(str, written)))
         if args.picture is not None:
             from armadico.agents.slam.commands import view
 
             at = args.picture
-            view.save(cells, found.slam, args.picture)
-            lines.append(f"picture: {args.picture}")
+            if both is None:
+                view.save(cells, found.slam, args.picture)
+                lines.append(f"picture: {args.picture}")
+            else:
+                from armadico.agents.slam.commands import joined
+
+                lines.append(joined.draw(both, cells, args.picture))
     except OSError as error:
         raise FailedError(f"cannot write {at}: {error.strerror or error}") from None
     return lines, runs.outside(cells, graph)

@@ -314,5 +314,6 @@ def _log(
     longest = reach or (most if 0.0 < most < logs.REACH_M else None)
     when = times[kept] if clock != "number" else np.zeros(len(kept))
     parts = (path, when, at, ranges, angles, place, longest, tuple(notes))
-    assumed = (found.cut,) if found.cut else ()
+    changed = logs.changed_scanner([(len(one.ranges), *one.angles) for one in scans])
+    assumed = (*((found.cut,) if found.cut else ()), *changed)
     return logs.of_scans(*parts, period=period, omitted=left + found.broken, assumed=assumed)

@@ -122,6 +122,7 @@ class Moment(NamedTuple):
     alone: Pose2  # odometry alone, from the same start
     deviation: float  # m
     lost: bool
+    off_map: bool = False
 
 
 class Event(Struct, frozen=True):
@@ -298,6 +299,7 @@ class Run:
                 compose(self._start, relative(self._first, here)),
                 sqrt(max(0.0, c[0] + c[3])),
                 correction.confidence <= 0.0,
+                correction.off_map,
             )
         )
 
@@ -342,9 +344,11 @@ class Summary(Struct, frozen=True, kw_only=True):
     off_share: float | None  # over 0.3 m
     off_longest_s: float | None
     off_longest_m: float | None  # distance meanwhile
+    far_share: float | None  # over 0.5 m
     wrong_sure_share: float | None  # over 0.5 m off, deviation under 0.5 m, not reported lost
     wrong_sure_longest_s: float | None
     lost_share: float  # reported lost
+    off_map_share: float  # reported off the map
     deviation_median_m: float | None  # while not lost
     published_median_m: float | None  # error of the published pose
     published_95_m: float | None
@@ -363,6 +367,9 @@ def judgement(log: Log, found: Summary) -> Judgement:
     if found.lost_share > MOST_LOST:
         why = f"the robot was reported lost at {100.0 * found.lost_share:.0f} % of the readings"
         said.append(no(why, "check that the map is of this place, and the start"))
+    if found.off_map_share > MOST_LOST:
+        why = f"the robot was off the map at {100.0 * found.off_map_share:.0f} % of the readings"
+        said.append(unknown(why, "check that the map is of this place"))
     if found.scans < 2:
         why = "one reading is no way: nothing was tested"
         said.append(unknown(why, "use a log in which the robot drives"))
@@ -410,9 +417,11 @@ def summary(track: Track) -> Summary:
         off_share=None if none else _share(off[known] > OFF_M),
         off_longest_s=None if none else far_s,
         off_longest_m=None if none else far_m,
+        far_share=None if none else _share(off[known] > WRONG_M),
         wrong_sure_share=None if none else _share(wrong[known]),
         wrong_sure_longest_s=None if none else wrong_s,
         lost_share=_share(lost),
+        off_map_share=_share(np.array([m.off_map for m in moments])),
         deviation_median_m=_quantile(deviation[~lost], 0.5),
         published_median_m=_quantile(published[np.isfinite(published)], 0.5),
         published_95_m=_quantile(published[np.isfinite(published)], 0.95),

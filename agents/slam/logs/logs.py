@@ -22,7 +22,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from math import hypot, isfinite, isnan, pi, tau
+from math import degrees, hypot, isfinite, isnan, pi, tau
 from pathlib import Path
 from random import Random
 from typing import IO, Any, Final, Protocol, cast
@@ -31,8 +31,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from armadico.agents.methods.parameters import LEAP_M, LEAP_M_S
 from armadico.agents.slam.logs.cut_npz import fields_of
-from armadico.agents.slam.parameters import LEAP_M, LEAP_M_S
 from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import RECORDINGS
 from armadico.core.installed import loaded
@@ -62,6 +62,10 @@ PERIOD_S: Final = 0.5  # of a robot that never moves
 # If CARMEN's two poses of a scan differ by a constant up to this, they are one pose and the
 # scanner's mount. A corrected pose differs from odometry by much more.
 FIXED_M, FIXED_RAD = 0.5, 0.2
+
+CHANGED: Final = 10  # scans at each end of a log by which it is told that its scanner changes,
+SAME: Final = 0.9  # share of the scans before and after the change that are alike
+FEW: Final = 3  # rays that a driver may send more or less
 
 MCAP: Final = b"\x89MCAP"  # the beginning of a recording
 NONE: Final = (float("nan"),) * 3
@@ -544,6 +548,35 @@ def alike(
     return found, (first, step)
 
 
+def changed_scanner(shapes: Sequence[tuple[int, float, float]]) -> tuple[str, ...]:
+    """That the scanner of a log was changed, and where; nothing if it was not.
+
+    Drivers that send a few rays more or less, now and then, are one scanner.
+
+    Args:
+        shapes: The number of rays of each scan, the first angle and the step, rad.
+    """
+    if len(shapes) < 2 * CHANGED:
+        return ()
+    ((old, _),) = Counter(shapes[:CHANGED]).most_common(1)
+    ((new, _),) = Counter(shapes[-CHANGED:]).most_common(1)
+    other = abs(new[0] - old[0]) > FEW or abs(new[2] - old[2]) * old[0] > FEW * abs(old[2])
+    if not other and abs(new[1] - old[1]) <= FEW * abs(old[2]):
+        return ()
+    at = shapes.index(new)
+    before, after = shapes[:at].count(old), shapes[at:].count(new)
+    if before < SAME * at or after < SAME * (len(shapes) - at):
+        return ()
+
+    def text(shape: tuple[int, float, float]) -> str:
+        return f"{shape[0]} rays from {degrees(shape[1]):.0f} degrees on"
+
+    return (
+        f"the scanner changes at scan {at + 1} of {len(shapes)}, from {text(old)} to {text(new)}:"
+        " whether both were mounted alike is not known",
+    )
+
+
 def _reach(ranges: NDArray[Any], scale: float) -> float:
     """The range at which and beyond which nothing was seen, m."""
     finite = ranges[np.isfinite(ranges)]
@@ -650,7 +683,7 @@ def _carmen(path: Path, corrected: bool | None, reach: float | None, period: flo
     elif corrected:
         back = relative(mount, STOOD)
         reference = np.array([compose(at, back) for at in map(_pose, laser)])
-    assumed = tuple(lines.cut)
+    assumed = (*lines.cut, *changed_scanner([(len(one.ranges), *one.angles) for one in scans]))
     table = _Table(times, robot, reference, tuple(notes), 0.0, period, assumed, omitted)
     kept = table.clean(path)
     real = not (corrected and one_pose)
@@ -822,7 +855,8 @@ def _recording(path: Path, namespace: str | None, period: float | None) -> Log:
     there = _interpolated(times, ways)
     if not len(there):
         there = np.array([ways[0][1] if ways else NONE] * len(times))
-    damage = tuple(dict.fromkeys(notes))
+    seen = [(one.rays, 0.0, one.step) for _, one in readings if isinstance(one, Scan)]
+    damage = (*dict.fromkeys(notes), *changed_scanner(seen))
     table = _Table(times, poses, there, damage, period=period, assumed=damage)
     kept = table.clean(path)
     new = {int(row): at for at, row in enumerate(kept)}

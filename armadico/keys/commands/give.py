@@ -1,7 +1,8 @@
-"""Give out keys: of a host, of a person, or of an agent."""
+"""Give out keys: of a host, of a person, of an agent, or of a client program."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -15,7 +16,7 @@ from armadico.keys.commands.common import (
     hours_option,
     issuer_of,
 )
-from armadico.mesh.door import LONGEST_NAME, PERSON, person
+from armadico.mesh.door import CLIENT, LONGEST_NAME, PERSON, person
 
 OF_HOST: Final = """\
   armadico keys host lab2 --hosts lab.toml
@@ -34,6 +35,21 @@ OF_AGENT: Final = """\
   armadico keys agent goto avoid                 agents that share a process
   armadico keys agent goto --out goto-keys.tar   for another computer
 """
+
+
+OF_CLIENT: Final = """\
+  armadico keys client claude                          on this computer
+  armadico keys client claude --out claude-keys.tar    for another user, or another computer
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Given:
+    """What all but a host's keys have."""
+
+    out: Path | None = option(f"{OUT_HELP} this computer's folder)", metavar="FILE")
+    hours: float = hours_option()
+    society: Society = group(Society, "the society")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,21 +79,14 @@ def host(args: Host) -> int:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Person:
+class Person(_Given):
     user: str = argument("the name with which the person logs in", metavar="USER")
-    out: Path | None = option(f"{OUT_HELP} this computer's folder)", metavar="FILE")
-    hours: float = hours_option()
-    society: Society = group(Society, "the society")
 
 
 def of_person(args: Person) -> int:
     from armadico.keys.members import for_person
 
-    if not args.user or person(args.user) != f"{PERSON}{args.user}":
-        raise UsageError(
-            f"{args.user!r}: expected a user's name of letters, digits, '.', '_' and '-', at most"
-            f" {LONGEST_NAME - len(PERSON)}"
-        )
+    _check(PERSON, args.user, "a user's name")
     issuer, namespace = issuer_of(args.society, args.hours), args.society.where.namespace
     members = for_person(namespace, args.user)
     given_out(issuer, members, person(args.user), args.out, args.society)
@@ -85,13 +94,27 @@ def of_person(args: Person) -> int:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Agent:
+class Client(_Given):
+    name: str = argument("the program, as its policy and the log call it", metavar="NAME")
+
+
+def of_client(args: Client) -> int:
+    from armadico.keys.members import of_client as member_of
+
+    _check(CLIENT, args.name, "a name")
+    issuer, namespace = issuer_of(args.society, args.hours), args.society.where.namespace
+    member = member_of(namespace, args.name)
+    last = member.name.rpartition("/")[2]
+    given_out(issuer, (member,), last, args.out, args.society)
+    print(f'in a policy: [clients."{last}"]')
+    return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Agent(_Given):
     names: tuple[str, ...] = argument(
         "the agent; several share a process", nargs="+", metavar="NAME"
     )
-    out: Path | None = option(f"{OUT_HELP} this computer's folder)", metavar="FILE")
-    hours: float = hours_option()
-    society: Society = group(Society, "the society")
 
 
 def agent(args: Agent) -> int:
@@ -115,6 +138,15 @@ def agent(args: Agent) -> int:
     return 0
 
 
+def _check(kind: str, name: str, what: str) -> None:
+    """Raise UsageError for a name that an identity of a kind cannot have."""
+    most = LONGEST_NAME - len(kind)
+    if not re.fullmatch(f"[A-Za-z0-9_.-]{{1,{most}}}", name):
+        raise UsageError(
+            f"{name!r}: expected {what} of letters, digits, '.', '_' and '-', at most {most}"
+        )
+
+
 COMMANDS: Final[dict[str, Command[Any]]] = {
     "host": Command(
         "armadico keys host",
@@ -134,6 +166,14 @@ COMMANDS: Final[dict[str, Command[Any]]] = {
         "Make the key of a person, who may look, drive, stop and release, and the keys of what runs"
         " beside a command: the page, the gateways and the agent for driving by hand.",
         OF_PERSON,
+    ),
+    "client": Command(
+        "armadico keys client",
+        Client,
+        of_client,
+        "Make the key of one program or language model, which joins by `armadico mcp --client"
+        " NAME`. The robot's router lets no other program ask as it, so a policy can rely on it.",
+        OF_CLIENT,
     ),
     "agent": Command(
         "armadico keys agent",

@@ -22,6 +22,7 @@ VERBS: Final = {
     "host": "write an archive with the keys of a host of the table",
     "agent": "make the key of an agent, or of agents that share a process",
     "person": "make the key of a person, who may drive, stop and release",
+    "client": "make the key of a program or language model, for `armadico mcp --client`",
     "list": "list every identity, and until when it is valid",
     "check": "print what is wrong with the keys of this computer",
     "renew": "renew the certificates of this computer",
@@ -30,7 +31,7 @@ VERBS: Final = {
 }
 """Each is a module beside this one, but `GIVING` are in one."""
 
-GIVING: Final = ("host", "agent", "person")
+GIVING: Final = ("host", "agent", "person", "client")
 
 
 def main(argv: Sequence[str]) -> int:

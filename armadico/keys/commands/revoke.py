@@ -11,7 +11,7 @@ from armadico.cli.parsing import Command, argument, flag, group
 from armadico.core.errors import UnknownNameError
 from armadico.keys.commands.common import AUTHORITY, Society, now
 from armadico.keys.store import MEMBERS, Issue, Member, user_of
-from armadico.mesh.door import PERSON, ROBOT
+from armadico.mesh.door import CLIENT, PERSON, ROBOT
 
 if TYPE_CHECKING:
     from armadico.config.endpoints import Endpoints
@@ -135,8 +135,9 @@ def _anew(holder: str, keys: Sequence[Key], where: Endpoints) -> str:
     """The commands that make new keys for a holder that loses some."""
     from armadico.keys.members import of_host
 
-    if holder.startswith(PERSON):
-        return f"`armadico keys person {holder.removeprefix(PERSON)} --out FILE`"
+    for kind, verb in ((PERSON, "person"), (CLIENT, "client")):
+        if holder.startswith(kind):
+            return f"`armadico keys {verb} {holder.removeprefix(kind)} --out FILE`"
     agents = {key.last for key in keys if key.member.kind == "agent"}
     if holder in agents:  # the archive of `armadico keys agent`
         return f"`armadico keys agent {holder.replace('+', ' ')} --out FILE`"

@@ -8,8 +8,8 @@ from operator import itemgetter
 from typing import Final
 
 from armadico.core.judgement import Answer
-from armadico.core.messages import Message, RobotState
-from armadico.mobile.messages import MissionState, MissionStatus, Trajectory, Waypoint
+from armadico.core.messages import RobotState
+from armadico.mobile.messages import MissionState, MissionStatus, Pose, Trajectory, Waypoint
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import Rule
 from armadico.observe.audit.scene import Scene
@@ -35,11 +35,13 @@ LED_M: Final = 0.3
 DETOURS: Final = 3.0
 """New paths may make a mission so many times as long as the longest of them."""
 
+NO_PATH: Final = "and no Trajectory of it was received"
+
 NOBODY, CAPPED = "nobody", "capped"
 
 EXCUSES: Final = (
-    *(Excuse.DISTURBED, Excuse.SILENT, Excuse.STOPPED, Excuse.FAULT, Excuse.BY_HAND),
-    *(Excuse.LED, Excuse.LOST, Excuse.WAITS),
+    *(Excuse.DISTURBED, Excuse.SILENT, Excuse.STOPPED, Excuse.BY_HAND, Excuse.LED),
+    *(Excuse.LOST, Excuse.WAITS),
 )
 
 
@@ -53,7 +55,7 @@ class Arrives(Rule):
     """
 
     promise = Promise.ARRIVES
-    needs = (RobotState, MissionStatus, Trajectory)
+    needs = (RobotState, MissionStatus, Trajectory, Pose)
 
     def __init__(self) -> None:
         super().__init__()
@@ -69,16 +71,16 @@ class Arrives(Rule):
         self._last_at = -inf
         self._path: tuple[Waypoint, ...] = ()
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if isinstance(message, MissionStatus):
-            if message.state is not MissionState.DRIVING:
-                if message.state is MissionState.REACHED and not self._over:
-                    yield from self._judge_caps(now)
-                self._over = True
-            elif message.mission != self._mission:
-                self._begin(message.mission, now)
-        elif isinstance(message, RobotState):
-            yield from self._count(now)
+    def on_mission_status(self, status: MissionStatus, now: Scene) -> Iterator[Finding]:
+        if status.state is not MissionState.DRIVING:
+            if status.state is MissionState.REACHED and not self._over:
+                yield from self._judge_end(now)
+            self._over = True
+        elif status.mission != self._mission:
+            self._begin(status.mission, now)
+
+    def on_robot_state(self, _: RobotState, now: Scene) -> Iterator[Finding]:
+        yield from self._count(now)
 
     def on_time(self, now: Scene) -> Iterator[Finding]:
         if now.silent:
@@ -95,7 +97,7 @@ class Arrives(Rule):
         self._allowed_s = self._allowed(now)
         too_capped = max(self._excused.get(CAPPED, 0.0) - self._allowed_s, 0.0)
         spent = sum(self._spent.values()) + too_capped
-        self._over = spent > self._allowed_s
+        self._over = spent > self._allowed_s and bool(self._path)
         if self._over:
             yield self._late(now, spent, self._allowed_s)
 
@@ -127,9 +129,8 @@ class Arrives(Rule):
         allowed, so_far = self._allowed_s, self._so_far_s
         excused = [f"{why} {s:.0f} s" for why, s in sorted(self._excused.items()) if s >= 0.1]
         without = f"; not counted: {', '.join(excused)}" if excused else ""
-        return (
-            f"the mission goes on after {so_far:.0f} s, where {allowed:.0f} s are enough{without}"
-        )
+        enough = f"where {allowed:.0f} s are enough" if self._path else NO_PATH
+        return f"the mission goes on after {so_far:.0f} s, {enough}{without}"
 
     @property
     def due(self) -> bool:
@@ -139,10 +140,16 @@ class Arrives(Rule):
     def _so_far_s(self) -> float:
         return sum(self._spent.values()) + sum(self._excused.values())
 
-    def _judge_caps(self, now: Scene) -> Iterator[Finding]:
-        """A mission that was in time only as caps do not count is neither in time nor late."""
+    def _judge_end(self, now: Scene) -> Iterator[Finding]:
+        """A mission that was in time only as caps do not count is neither in time nor late.
+
+        Nor is one whose path is not known.
+        """
         capped, spent = self._excused.get(CAPPED, 0.0), sum(self._spent.values())
-        if spent + capped > self._allowed_s:
+        if not self._path:
+            what = f"reached after {spent:.0f} s, {NO_PATH}"
+            yield self.found(now, "interface", what, answer=Answer.UNKNOWN)
+        elif spent + capped > self._allowed_s:
             what = f"reached after {spent:.0f} s, and {capped:.0f} s of caps"
             why = f"{self._allowed_s:.0f} s are enough"
             yield self.found(now, "robot", what, why, Answer.UNKNOWN)

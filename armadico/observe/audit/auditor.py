@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from math import inf
+from functools import cache
 from typing import Final
 
 from armadico.config.worlds import World
 from armadico.core.judgement import Answer
 from armadico.core.messages import Ack, Command, Cycle, Message, RobotState
 from armadico.core.resources import WHEELS
-from armadico.core.services import derived, service_of
+from armadico.core.services import Kind, derived, service_of
 from armadico.mobile.messages import MissionStatus, Pose, Scan, Sonar, Trajectory, Truth
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.scans import is_readable
@@ -26,10 +26,12 @@ from armadico.observe.audit.paths import Clears, Leads, Waits
 from armadico.observe.audit.poses import Doubts, Found, Heading, Moves, Rated, Scaled
 from armadico.observe.audit.promises import Excuse, Finding
 from armadico.observe.audit.reflexes import Reflexes
-from armadico.observe.audit.rules import Rule
+from armadico.observe.audit.rules import MISSING, Handler, Rule, handler_of
 from armadico.observe.audit.scene import SHOWN, Scene
+from armadico.observe.audit.sensed import reads_of
 from armadico.observe.audit.sensing import Changes, Fits, Renewed, Sees, Shown
 from armadico.observe.audit.walls import Compared
+from armadico.observe.pauses import Pauses
 
 RULES: Final[tuple[type[Rule], ...]] = (
     *(
@@ -66,30 +68,30 @@ RULES: Final[tuple[type[Rule], ...]] = (
     ),
 )
 
-ENDED_S: Final = 2.0
-"""A periodic message that is missing at the end for longer, s, has stopped: agents that are ended
-together do not end at the same moment."""
-
-MISSING: Final = 0.2
-"""If more of the robot's states than this share are missing, nothing counts as kept. A speed,
-a stop or a change of the agent that drives may lie between the others. If others of `EACH_CYCLE`
-are, what needs them does not."""
-
-EACH_CYCLE: Final = (RobotState, Ack, Pose, Scan, Obstacles)
+EACH_CYCLE: Final = (RobotState, Ack, Pose, Sonar, Scan, Obstacles)
 """Messages that come once a cycle (docs/protocol.md), so that the numbers of cycles tell how many
 are missing. Of several sensors' obstacles the first of a cycle counts."""
 
 FASTER: Final = 2.0
 """Cycles that pass faster than the robot's by this factor have a clock that is not the robot's."""
 
-READINGS: Final[dict[str, type[Message]]] = {"sonar": Sonar, "laser": Scan}
-"""What shows the readings of a sensor of `Description.sensors`."""
+BURST_S: Final = 1.0
+"""Cycles of less than this, s, may come at once."""
 
 
 def watched() -> tuple[type[Message], ...]:
     """The installed messages that an auditor needs; a base stands for its subclasses."""
     kinds = dict.fromkeys((*SHOWN, *(kind for rule in RULES for kind in (*rule.needs, *rule.sees))))
     return tuple(kind for base in kinds for kind in derived(base))
+
+
+@cache
+def _deadline_s(kind: type[Message]) -> float | None:
+    """The longest time between two messages of a kind, s; None: it does not come periodically."""
+    service = service_of(kind)
+    if service.kind is Kind.LATCHED and service.rate_hz is not None:
+        return 2.0 / service.rate_hz
+    return service.deadline_s
 
 
 class Auditor:
@@ -113,9 +115,15 @@ class Auditor:
         self.findings: list[Finding] = []
         self._kinds = tuple(rules)
         self._rules = [rule() for rule in self._kinds]
-        self._seen: dict[type[Message], float] = {}  # when each kind was last received, s
+        # Made when a kind first comes.
+        self._handlers: dict[type[Message], list[tuple[Rule, Handler]]] = {}
+        self._timed = [rule for rule in self._rules if type(rule).on_time is not Rule.on_time]
+        self._used = tuple(kind for rule in self._rules for kind in (*rule.needs, *rule.sees))
+        self._seen = set[type[Message]]()
+        # Of kinds that come periodically, by key.
+        self._pauses: dict[tuple[type[Message], str], Pauses] = {}
         self._driven = False  # there was a mission, so it must have had a path
-        self._held = False  # an agent was obeyed, so it must have commanded
+        self._held_at: float | None = None  # since an agent was obeyed, it must have commanded
         # Of a kind the newest cycle, and how many were received and passed from the first to it.
         self._counts: dict[type[Message], tuple[Cycle, int, int]] = {}
         self._lasted_s = 0.0  # from the first state to the last, by the observer's clock
@@ -140,34 +148,56 @@ class Auditor:
         self.scene.mapped, self.scene.chart = True, None if walls is None else Chart(walls)
         self.scene.world = world
 
-    def update(self, at: float, key: str, message: Message) -> list[Finding]:  # noqa: ARG002
-        """Process one message, received at a time (s). Returns what it shows."""
+    def update(self, at: float, key: str, message: Message) -> list[Finding]:
+        """Process one message, received at a time (s). Returns what it shows.
+
+        With an empty `key` the publishers of a kind are not told apart.
+        """
         if isinstance(message, Truth) and not self.scene.own(message):
             return []
         if isinstance(message, Scan) and not is_readable(message):
             return []
+        kind, scene = type(message), self.scene
         of_wheels = not isinstance(message, Ack) or message.resource == WHEELS.name
         if of_wheels:
-            self._seen[type(message)] = max(at, self.scene.now)
-        self.scene.update(at, message)
+            self._arrive(kind, key, max(at, scene.now))
+        scene.update(at, message)
         if of_wheels and isinstance(message, EACH_CYCLE):
             self._count(message)
-        self._driven = self._driven or self.scene.driving
-        self._held = self._held or bool(self.scene.holder)
+        self._driven = self._driven or scene.driving
+        if self._held_at is None and scene.holder:
+            self._held_at = scene.now
+        handlers = self._handlers.get(kind)
+        if handlers is None:
+            found = ((rule, handler_of(rule, kind)) for rule in self._rules)
+            handlers = self._handlers[kind] = [
+                (rule, handle) for rule, handle in found if handle is not None
+            ]
         return self._keep(
-            each for rule in self._rules for each in rule.on_message(message, self.scene)
+            (rule, each) for rule, handle in handlers for each in handle(message, scene) or ()
         )
 
     def tick(self, at: float) -> list[Finding]:
         """Time has passed without a message."""
         self.scene.now = max(self.scene.now, at)
-        return self._keep(each for rule in self._rules for each in rule.on_time(self.scene))
+        return self._keep((rule, each) for rule in self._timed for each in rule.on_time(self.scene))
 
     def disturbed(self, why: str) -> None:
         """From now on the observer knows of a disturbance that excuses outcomes; "": of none."""
         self.scene.disturbed = why
 
-    def _count(self, message: RobotState | Ack | Pose | Scan | Obstacles) -> None:
+    def _arrive(self, kind: type[Message], key: str, at: float) -> None:
+        deadline_s = _deadline_s(kind) if issubclass(kind, self._used) else None
+        if deadline_s is not None:
+            by = kind, "" if service_of(kind).kind is Kind.LATCHED else key  # of any publisher
+            if by not in self._pauses:
+                # While the robot is driven, all that is needed to judge it should come.
+                since = at if kind in self._seen or self._held_at is None else self._held_at
+                self._pauses[by] = Pauses(since, deadline_s)
+            self._pauses[by].add(at)
+        self._seen.add(kind)
+
+    def _count(self, message: RobotState | Ack | Pose | Sonar | Scan | Obstacles) -> None:
         kind, cycle = type(message), message.cycle
         before, received, passed = self._counts.get(kind, (cycle, 0, 0))
         if before.epoch == cycle.epoch:
@@ -192,47 +222,63 @@ class Auditor:
             found.append(f"{missing:.0%} of the robot's states are missing")
         _, _, passed = self._counts.get(RobotState, (None, 0, 0))
         cycles_s = 0.0 if about is None else passed * about.cycle_s
-        if cycles_s > FASTER * self._lasted_s > 0.0:
+        if cycles_s > max(FASTER * self._lasted_s, BURST_S):
             found.append(
                 f"the robot's cycles of {cycles_s:.1f} s came within {self._lasted_s:.1f} s: these"
                 " are not the times at which they were sent"
             )
         return found
 
-    def report(self) -> list[Finding]:
-        """One finding for each promise: broken, unknown, or kept."""
-        return [self._verdict(rule) for rule in self._rules]
+    def report(self, unread: str = "") -> list[Finding]:
+        """One finding for each promise: broken, unknown, or kept.
 
-    def _verdict(self, rule: Rule) -> Finding:
+        What was kept as far as was judged is unknown if something was not judged: for the reason
+        `unread`, or by `doubts`.
+        """
+        why, *_ = (unread or next(iter(self.doubts), "")).partition(";")
+        return [self._verdict(rule, why) for rule in self._rules]
+
+    def _verdict(self, rule: Rule, unread: str) -> Finding:
         own = [each for each in self.findings if each.promise is rule.promise]
         for answer in (Answer.NO, Answer.UNKNOWN):
             those = [each for each in own if each.answer is answer]
             if those:
                 return those[0]
-        no_path = not self._driven and self._has(MissionStatus)
-        no_command = not self._held and self._has(Ack)
-        spared = {kind for kind, none in ((Trajectory, no_path), (Command, no_command)) if none}
-        lacking = [kind.__name__ for kind in rule.needs if not self._has(kind, *spared)]
-        if self.scene.description is not None:
-            reads = [READINGS[name] for name in self.scene.description.sensors if name in READINGS]
-            lacking += [one.__name__ for one in reads if one in rule.sees and not self._has(one)]
+        lacking = self._lacking(rule, *self._reads(rule))
         uncharted = rule.charted and self.scene.chart is None
         if lacking:
-            what = f"not checked: no {', '.join(lacking)} received"
+            what = f"not checked: {lacking}"
         elif uncharted:
             unmet = "" if self.scene.mapped is not None else ", as no agent's card was received"
             what = f"not checked: the robot's map is not known{unmet}"
+        elif lacks := self._gaps(rule) or self._thin(rule):
+            return rule.found(self.scene, "", lacks, answer=Answer.UNKNOWN)
         elif not rule.checked:
             what = "not checked: there was no occasion"
         elif rule.pending:
             what = f"not checked: {rule.pending}"
-        elif lacks := self._thin(rule) or self._ended(rule):
-            return rule.found(self.scene, "", lacks, answer=Answer.UNKNOWN)
+        elif unread:
+            what = f"kept as far as was judged: {unread}"
+            return rule.found(self.scene, "", what, answer=Answer.UNKNOWN)
         else:
             return rule.found(self.scene, "", "kept", answer=Answer.YES)
         found = rule.found(self.scene, "", what, answer=Answer.UNKNOWN)
         occasion = bool(lacking) or (uncharted and self.scene.mapped is not False) or rule.due
         return replace(found, occasion=occasion)
+
+    def _reads(self, rule: Rule) -> list[type[Message]]:
+        """The readings of the robot's sensors that a rule uses."""
+        about = self.scene.description
+        return [] if about is None else [each for each in reads_of(about) if each in rule.sees]
+
+    def _lacking(self, rule: Rule, *others: type[Message]) -> str:
+        """Which messages that a rule needs, or of the others, were never received; "" if none."""
+        no_path = not self._driven and self._has(MissionStatus)
+        no_command = self._held_at is None and self._has(Ack)
+        spared = {kind for kind, none in ((Trajectory, no_path), (Command, no_command)) if none}
+        needs = (*rule.needs, *others)
+        lacking = [kind.__name__ for kind in needs if not self._has(kind, *spared)]
+        return f"no {', '.join(lacking)} received" if lacking else ""
 
     def _thin(self, rule: Rule) -> str:
         """Which messages a rule lacks in too many cycles; "" if none."""
@@ -241,28 +287,38 @@ class Auditor:
         thin = [f"{share:.0%} of {name}" for name, share in shares.items() if share > MISSING]
         return f"not checked: {', '.join(thin)} missing" if thin else ""
 
-    def _ended(self, rule: Rule) -> str:
-        """Since when a rule lacks periodic messages that it received before; "" if it does not.
+    def _gaps(self, rule: Rule) -> str:
+        """When a rule lacks periodic messages that it received otherwise; "" if it does not.
 
-        What happened after them cannot be judged, so nothing is known to be kept until the end.
+        What happened then cannot be judged, so nothing is known to be kept, nor that there was no
+        occasion.
         """
-        kinds = (*rule.needs, *rule.sees)
-        seen = ((kind, at) for kind, at in self._seen.items() if issubclass(kind, kinds))
-        over = {
-            kind.__name__: at
-            for kind, at in seen
-            if self.scene.now - at > max(2.0 * (service_of(kind).deadline_s or inf), ENDED_S)
-        }
-        if not over:
-            return ""
-        first = min(over.values())
-        names = ", ".join(sorted(over))
-        return f"kept until {first:.1f} s, unknown after: no {names} received to the end"
+        gaps = self.gaps(*rule.needs, *rule.sees)
+        so_far = "kept as far as was judged" if rule.checked and not rule.pending else "not checked"
+        return f"{so_far}: {gaps}" if gaps else ""
+
+    def gaps(self, *kinds: type[Message], begun: float = 0.0) -> str:
+        """When periodic messages of these kinds did not come, in times from `begun`; "" if never.
+
+        Of each kind the first gap is named.
+        """
+        found = dict[str, set[str]]()
+        for (kind, _), pauses in self._pauses.items():
+            if issubclass(kind, kinds) and (when := pauses.gap(self.scene.now, begun)):
+                found.setdefault(when, set()).add(kind.__name__)
+        return ", ".join(
+            f"no {', '.join(sorted(names))} received {when}" for when, names in found.items()
+        )
 
     def _has(self, kind: type[Message], *spared: type[Message]) -> bool:
         return kind in spared or any(issubclass(each, kind) for each in self._seen)
 
-    def _keep(self, found: Iterable[Finding]) -> list[Finding]:
-        new = list(found)
+    def _keep(self, found: Iterable[tuple[Rule, Finding]]) -> list[Finding]:
+        """Keep findings. One that lacks what its rule needs accuses nobody: it is unknown."""
+        new = []
+        for rule, each in found:
+            lacking = self._lacking(rule) if each.answer is Answer.NO else ""
+            what = f"{each.what}; not checked: {lacking}"
+            new.append(replace(each, what=what, answer=Answer.UNKNOWN) if lacking else each)
         self.findings += new
         return new

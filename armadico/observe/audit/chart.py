@@ -37,12 +37,23 @@ class Chart:
 
     def off(self, places: Floats) -> Floats:
         """The distance of each place (n x 2) from the nearest wall, m; inf without walls."""
+        nearest: Floats = self._distances(places).min(axis=1, initial=np.inf)
+        return nearest
+
+    def nearest(self, places: Floats) -> list[int]:
+        """The number of the wall that is nearest to each place (n x 2); -1 without walls."""
+        if not len(self._lengths):
+            return [-1] * len(places)
+        found: list[int] = self._distances(places).argmin(axis=1).tolist()
+        return found
+
+    def _distances(self, places: Floats) -> Floats:
+        """The distance of each place (n x 2) from each wall, m."""
         away = places[:, None, :] - self._from
         square = np.maximum(self._lengths**2, 1e-12)
         share = np.clip((away * self._along).sum(axis=2) / square, 0.0, 1.0)
-        distances = np.linalg.norm(away - share[..., None] * self._along, axis=2)
-        nearest: Floats = distances.min(axis=1, initial=np.inf)
-        return nearest
+        distances: Floats = np.linalg.norm(away - share[..., None] * self._along, axis=2)
+        return distances
 
     def ahead(self, x: float, y: float, bearing: float) -> Sight | None:
         """The wall that is first met from a place (m) in a direction (rad); None: there is none."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from armadico.core.messages import Message, RobotState
+from armadico.core.messages import RobotState
 from armadico.mobile.messages import Truth
 from armadico.observe.audit.promises import Finding, Promise
 from armadico.observe.audit.rules import Rule
@@ -20,24 +20,33 @@ class Touched(Rule):
     """
 
     promise = Promise.COLLISION
-    needs = (RobotState, Truth)
+    sees = (RobotState, Truth)
 
     def __init__(self) -> None:
         super().__init__()
+        self.checked = True  # whatever it does, it may touch
         self._truth: Truth | None = None
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if isinstance(message, Truth):
-            before, self._truth, self.checked = self._truth, message, True
-            if before is None:
-                return
-            new = message.collisions - message.bumped - (before.collisions - before.bumped)
-            at = f"at ({message.x:.2f}, {message.y:.2f}), {message.v:.2f} m/s"
-            for _ in range(new):
-                yield self.found(now, now.who, "it touched something", at)
-        elif isinstance(message, RobotState) and self._truth is None:
-            felt = now.before is not None and now.before.stalled
-            if message.stalled and not felt:
-                touch = message.touch
-                at = "" if touch is None else f"at ({touch.x:.2f}, {touch.y:.2f}) on its edge"
-                yield self.found(now, now.who, "it touched something, or is held", at)
+    @property
+    def pending(self) -> str:
+        return "no Truth received" if self._truth is None else ""
+
+    @property
+    def due(self) -> bool:
+        return self._truth is None
+
+    def on_truth(self, truth: Truth, now: Scene) -> Iterator[Finding]:
+        before, self._truth = self._truth, truth
+        if before is None:
+            return
+        new = truth.collisions - truth.bumped - (before.collisions - before.bumped)
+        at = f"at ({truth.x:.2f}, {truth.y:.2f}), {truth.v:.2f} m/s"
+        for _ in range(new):
+            yield self.found(now, now.who, "it touched something", at)
+
+    def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
+        felt = now.before is not None and now.before.stalled
+        if self._truth is None and state.stalled and not felt:
+            touch = state.touch
+            at = "" if touch is None else f"at ({touch.x:.2f}, {touch.y:.2f}) on its edge"
+            yield self.found(now, now.who, "it touched something, or is held", at)

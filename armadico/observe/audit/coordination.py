@@ -10,14 +10,15 @@ from collections.abc import Iterator
 from math import inf
 from typing import Final
 
-from armadico.core.messages import Ack, Ballot, Command, Message, RobotState, Stop
+from armadico.core.judgement import Answer
+from armadico.core.membership import agent_of
+from armadico.core.messages import Ack, Ballot, Command, RobotState, Stop
 from armadico.core.resources import WHEELS
-from armadico.mobile.messages import MissionState, MissionStatus
+from armadico.mobile.messages import MissionState, MissionStatus, Pose
 from armadico.observe.audit.promises import Excuse, Finding, Promise
-from armadico.observe.audit.rules import AGAIN_S, Rule
+from armadico.observe.audit.rules import AGAIN_S, MISSING, Rule
 from armadico.observe.audit.scene import Scene
 from armadico.observe.measures import speeds
-from armadico.observe.view import agent_of
 
 FRESH_CYCLES = 3
 """A command may be for a cycle so many older than the newest (docs/coordination.md)."""
@@ -75,11 +76,11 @@ class OneDriver(Rule):
         super().__init__()
         self._obeyed, self._largest = Rising("acknowledged as obeyed"), Rising("the largest")
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if not isinstance(message, Ack) or message.resource != WHEELS.name:
+    def on_ack(self, ack: Ack, now: Scene) -> Iterator[Finding]:
+        if ack.resource != WHEELS.name:
             return
-        self.checked, epoch = True, message.cycle.epoch
-        obeyed, largest = message.obeyed, message.largest
+        self.checked, epoch = True, ack.cycle.epoch
+        obeyed, largest = ack.obeyed, ack.largest
         below = obeyed is not None and (largest is None or largest < obeyed)
         for what in (
             self._obeyed.add(epoch, obeyed),
@@ -100,15 +101,15 @@ class Fresh(Rule):
         super().__init__()
         self._before: Ack | None = None
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if not isinstance(message, Ack) or message.resource != WHEELS.name:
+    def on_ack(self, ack: Ack, now: Scene) -> Iterator[Finding]:
+        if ack.resource != WHEELS.name:
             return
-        before, self._before = self._before, message
-        at, by = message.obeyed_cycle, message.obeyed
-        if before is None or at is None or by is None or before.cycle.epoch != message.cycle.epoch:
+        before, self._before = self._before, ack
+        at, by = ack.obeyed_cycle, ack.obeyed
+        if before is None or at is None or by is None or before.cycle.epoch != ack.cycle.epoch:
             return
         self.checked, was, who = True, before.obeyed_cycle, agent_of(by.instance)
-        if at.epoch != message.cycle.epoch:
+        if at.epoch != ack.cycle.epoch:
             yield self.found(now, who, f"{brief(by)} is obeyed for a cycle of another epoch")
         elif (at, by) != (was, before.obeyed):
             age = before.cycle.number - at.number  # it was obeyed after the cycle before
@@ -122,7 +123,7 @@ class Fresh(Rule):
 class Ordered(Rule):
     """What the robot agent orders is what the agent that it obeys commanded for that cycle.
 
-    A limit on the speed shows in `admitted`, and not in `ordered`.
+    A limit on the speed shows in `admitted`, and not in `ordered`; a rest at a contact does.
     """
 
     promise = Promise.ORDERED
@@ -132,27 +133,41 @@ class Ordered(Rule):
         super().__init__()
         self._commands: deque[Command] = deque(maxlen=COMMANDS)
         self._others: deque[float] = deque(maxlen=OTHERS)
+        self._orders = self._unseen = 0  # of the latter the command was not received
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if isinstance(message, Command) and message.resource == WHEELS.name:
-            self._commands.append(message)
+    @property
+    def pending(self) -> str:
+        share = self._unseen / max(self._orders, 1)
+        return f"{share:.0%} of the obeyed Command messages missing" if share > MISSING else ""
+
+    @property
+    def due(self) -> bool:
+        return bool(self.pending)
+
+    def on_command(self, command: Command, _: Scene) -> None:
+        if command.resource == WHEELS.name:
+            self._commands.append(command)
+
+    def on_ack(self, ack: Ack, now: Scene) -> Iterator[Finding]:
         state = now.state
-        if not isinstance(message, Ack) or message.resource != WHEELS.name or state is None:
+        if ack.resource != WHEELS.name or state is None:
             return
-        by, at = message.obeyed, message.obeyed_cycle
-        if by is None or state.driver != by.instance or state.cycle != message.cycle:
+        by, at = ack.obeyed, ack.obeyed_cycle
+        if by is None or state.driver != by.instance or state.cycle != ack.cycle:
             return
-        commanded = [
-            speeds(each)
-            for each in self._commands
-            if each.action is not None and (each.ballot, each.cycle) == (by, at)
-        ]
+        if not now.publishes_orders:
+            return
+        obeyed = [each for each in self._commands if (each.ballot, each.cycle) == (by, at)]
+        commanded = [speeds(each) for each in obeyed if each.action is not None]
         v, w = state.ordered.v, state.ordered.w
-        if not commanded or not now.publishes_orders:
+        self._orders, self._unseen = self._orders + 1, self._unseen + (not obeyed)
+        self.checked = self.checked or bool(commanded or self.pending)
+        if not commanded:
             return
-        self.checked = True
         if any(abs(v - each[0]) < SAME and abs(w - each[1]) < SAME for each in commanded):
             return
+        if state.touch is not None and v == 0.0 == w:
+            return  # it rests at a contact, and says so; the next command counts (seed 97088)
         self._others.append(now.now)
         often = len(self._others) == OTHERS and now.now - self._others[0] < WITHIN_S
         if often and self.is_new("robot", now, AGAIN_S):
@@ -169,45 +184,47 @@ class Held(Rule):
     """
 
     promise = Promise.HELD
-    needs = (Ack, MissionStatus)
+    needs = (Ack, MissionStatus, Pose)
 
     def __init__(self) -> None:
         super().__init__()
         self._driven: Ballot | None = None  # of the newest mission
         self._since = inf  # when it was first held without a use
-        self._silent: Counter[str] = Counter()  # tenures that ended in silence, by agent
+        # Tenures that ended in silence, by instance: one that was killed can release nothing, and
+        # another one follows it. Only one that lives comes back and does it again.
+        self._silent: Counter[str] = Counter()
         self._ended: Ballot | None = None
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if not isinstance(message, Ack) or message.resource != WHEELS.name or now.mission is None:
+    def on_ack(self, ack: Ack, now: Scene) -> Iterator[Finding]:
+        if ack.resource != WHEELS.name or now.mission is None:
             return
         self.checked = True
         if now.excuse(Excuse.DISTURBED) is not None:
             self._since = inf
             return
-        yield from self._unreleased(message, now)
+        yield from self._unreleased(ack, now)
         due = now.mission.state in (MissionState.DRIVING, MissionState.PLANNING)
-        self._driven = message.obeyed if due else self._driven
+        self._driven = ack.obeyed if due else self._driven
         uses = due or now.excuse(Excuse.BY_HAND, Excuse.LED, Excuse.LOST) is not None
-        if not now.holder or message.obeyed != self._driven or uses:
+        if not now.holder or ack.obeyed != self._driven or uses:
             self._since = inf
             return
         self._since = min(self._since, now.now)
         if now.now - self._since > IDLE_S:
             self._since = inf
             what = f"holds the wheels {IDLE_S:g} s after its mission"
-            yield self.found(now, now.who, what, f"utility {message.utility:.2f}")
+            yield self.found(now, now.who, what, f"utility {ack.utility:.2f}")
 
     def _unreleased(self, ack: Ack, now: Scene) -> Iterator[Finding]:
         by, at = ack.obeyed, ack.obeyed_cycle
         if by is None or at is None or at.epoch != ack.cycle.epoch or by == self._ended:
             return
         if ack.cycle.number - at.number > SILENT_CYCLES:
-            self._ended, who = by, agent_of(by.instance)
+            self._ended, who = by, by.instance
             self._silent[who] += 1
             if self._silent[who] == OTHERS:
                 what = "stopped commanding without a release"
-                yield self.found(now, who, what, f"{OTHERS} times")
+                yield self.found(now, agent_of(who), what, f"{OTHERS} times")
 
 
 class Stopped(Rule):
@@ -219,33 +236,36 @@ class Stopped(Rule):
 
     def __init__(self) -> None:
         super().__init__()
+        self._received = False  # any stop or release
         self._stop: Stop | None = None  # the latched one
         self._since = inf  # when it ended without a release
         self._released: set[int] = set()  # presses
         self._later: set[int] = set()  # presses since, which take its place in the latch
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if isinstance(message, Stop) and not message.stopped:
-            self._released.add(message.press)
-        elif isinstance(message, Stop) and message.press not in self._released:
-            self._later.add(message.press)
-        if not isinstance(message, RobotState):
-            return
-        if message.stop.stopped:
-            if self._stop is None or self._stop.press != message.stop.press:
+    def on_stop(self, stop: Stop, _: Scene) -> None:
+        self._received = True
+        if not stop.stopped:
+            self._released.add(stop.press)
+        elif stop.press not in self._released:
+            self._later.add(stop.press)
+
+    def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
+        if state.stop.stopped:
+            if self._stop is None or self._stop.press != state.stop.press:
                 self._later.clear()
-            self.checked, self._stop, self._since = True, message.stop, inf
-            if message.ordered.v or message.ordered.w:
-                v, w = message.ordered.v, message.ordered.w
+            self.checked, self._stop, self._since = True, state.stop, inf
+            if state.ordered.v or state.ordered.w:
+                v, w = state.ordered.v, state.ordered.w
                 what = f"orders {v:.2f} m/s, {w:.2f} rad/s while a stop is latched"
                 yield self.found(now, "robot", what)
         elif self._stop is None:
             return
-        elif self._released & {self._stop.press, *(self._later & {message.stop.press})}:
+        elif self._released & {self._stop.press, *(self._later & {state.stop.press})}:
             self._stop = None  # a later press may have been released before any state showed it
         elif now.excuse(Excuse.DISTURBED) is None:
             self._since = min(self._since, now.now)
             if now.now - self._since > RELEASED_S:
                 what = f"the stop of {self._stop.requester} ended, and no release was received"
-                self._stop = None
-                yield self.found(now, "robot", what)
+                what += "" if self._received else ", nor any other Stop"
+                self._stop, answer = None, Answer.NO if self._received else Answer.UNKNOWN
+                yield self.found(now, "robot", what, answer=answer)

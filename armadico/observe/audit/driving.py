@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Iterator
-from math import atan2, cos, inf, sin
+from math import atan2, cos, inf, pi, sin
 from typing import Final
 
+import numpy as np
+
 from armadico.core.cycles import PERIOD
+from armadico.core.hands import Hand
 from armadico.core.judgement import Answer
-from armadico.core.messages import Ack, Description, Message, RobotState
+from armadico.core.membership import agent_of
+from armadico.core.messages import Ack, Description, RobotState
 from armadico.core.resources import WHEELS
 from armadico.mobile.admissible import UNSEEN
 from armadico.mobile.geometry import relative
@@ -20,7 +24,6 @@ from armadico.mobile.scans import points_of
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import AGAIN_S, Rule
 from armadico.observe.audit.scene import Scene
-from armadico.observe.view import agent_of
 
 RESTS_M_S, RESTS_RAD_S = 0.02, 0.05
 """Slower than this, it stands; it is above the noise of encoders at rest."""
@@ -52,6 +55,9 @@ ADMITTED_SHARE: Final = 0.5
 
 REACTION_S: Final = 0.2
 """Least time from a reading until the wheels follow, s (`bridge.reflex`)."""
+
+ALONG_M: Final = 0.02
+"""Between places of an arc at which it is asked whether an obstacle is met, m."""
 
 Spots = tuple[tuple[tuple[float, float], ...], ...]
 """What readings show: of each, points of which one is an obstacle, body frame, m."""
@@ -123,17 +129,15 @@ class Stands(Rule):
     """A robot with a free path does not stand: the agent that is obeyed says how to go on."""
 
     promise = Promise.STANDS
-    needs = (RobotState, MissionStatus, Ack)
+    needs = (RobotState, MissionStatus, Trajectory, Pose, Ack, Obstacles, Description)
 
     def __init__(self) -> None:
         super().__init__()
         self._stood_s, self._last_at = 0.0, -inf
         self._holders: Counter[str] = Counter()
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if not isinstance(message, RobotState):
-            return
-        moves = abs(message.v) > RESTS_M_S or abs(message.w) > RESTS_RAD_S
+    def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
+        moves = abs(state.v) > RESTS_M_S or abs(state.w) > RESTS_RAD_S
         self.checked = self.checked or now.driving
         dt, self._last_at = min(now.now - self._last_at, 3.0 * PERIOD), now.now
         if moves or not now.driving or now.excuse(*STANDING) is not None:
@@ -152,8 +156,8 @@ class Stands(Rule):
 
 
 STANDING: Final = (
-    *(Excuse.STOPPED, Excuse.FAULT, Excuse.BY_HAND, Excuse.LED, Excuse.LOST),
-    *(Excuse.WAITS, Excuse.BLOCKED),
+    *(Excuse.STOPPED, Excuse.BY_HAND, Excuse.LED, Excuse.LOST, Excuse.WAITS),
+    Excuse.BLOCKED,
 )
 
 
@@ -166,16 +170,16 @@ class Honest(Rule):
     """
 
     promise = Promise.HONEST
-    needs = (Ack, Obstacles, Description)
+    needs = (RobotState, Ack, Obstacles, Description)
 
     def __init__(self) -> None:
         super().__init__()
         self._lately: dict[str, tuple[deque[bool], deque[bool]]] = {}  # forbidden, capped
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if not isinstance(message, RobotState) or not now.holder:
+    def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
+        if not now.holder:
             return
-        why = self._forbidden(now), _presses(message)
+        why = self._forbidden(now), _presses(state)
         if why[0] is None:
             return
         self.checked = True
@@ -201,15 +205,28 @@ class Honest(Rule):
         v, w = order
         if v < FAST_M_S or v < state.v - RESTS_M_S:
             return ""
-        bend = 0.5 * w / v
-        ahead = [
-            p.x for p in seen.points if p.x > 0 and abs(p.y - bend * p.x**2) < about.half_width
-        ]
-        free = min(ahead, default=inf) - about.front
         needs = state.v * REACTION_S + state.v**2 / (2.0 * about.v_decel)
+        free = _free(seen, about, w / v, needs)
         if free >= needs:
             return ""
-        return f"{v:.2f} m/s, where {max(free, 0.0):.2f} m ahead are free"
+        return f"{v:.2f} m/s, where {free:.2f} m ahead are free"
+
+
+def _free(seen: Obstacles, about: Description, bend: float, most: float) -> float:
+    """The way on an arc (bend in 1/m) to the first obstacle within a way, m; inf: none is.
+
+    On a tight arc the robot turns away from what is straight ahead, so the arc is followed.
+    """
+    points = np.array([(p.x, p.y) for p in seen.points]).reshape(-1, 2)
+    for way in np.arange(0.0, most + ALONG_M, ALONG_M):
+        turned = bend * way
+        at = way * np.sinc(0.5 * turned / pi)  # the chord
+        x, y = points[:, 0] - at * cos(0.5 * turned), points[:, 1] - at * sin(0.5 * turned)
+        ahead = cos(turned) * x + sin(turned) * y
+        aside = np.abs(cos(turned) * y - sin(turned) * x)
+        if ((ahead > 0.0) & (ahead < about.front) & (aside < about.half_width)).any():
+            return float(way)
+    return inf
 
 
 def _presses(state: RobotState) -> str:
@@ -237,15 +254,18 @@ class Earned(Rule):
         self._read: dict[tuple[float, ...], tuple[float, Spots]] = {}  # by sonar, or of the laser
         self._lately: deque[str] = deque(maxlen=OF_CYCLES)
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if isinstance(message, Scan):
-            self._read[()] = now.now, tuple(((x, y),) for x, y in points_of(message))
-        elif isinstance(message, Sonar) and now.description is not None:
-            for echo in message.echoes:
+    def on_scan(self, scan: Scan, now: Scene) -> None:
+        self._read[()] = now.now, tuple(((x, y),) for x, y in points_of(scan))
+
+    def on_sonar(self, sonar: Sonar, now: Scene) -> None:
+        if now.description is not None:
+            for echo in sonar.echoes:
                 key = echo.x, echo.y, echo.bearing
                 self._read[key] = now.now, _cone(echo, now.description)
-        elif isinstance(message, RobotState) and now.admitted is not None:
-            yield from self._judge(message, now)
+
+    def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
+        if now.admitted is not None:
+            yield from self._judge(state, now)
 
     def _judge(self, state: RobotState, now: Scene) -> Iterator[Finding]:
         about, v = now.description, now.admitted
@@ -294,8 +314,8 @@ class Steady(Rule):
         self._takes: dict[str, deque[float]] = {}
         self.most = 0
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if not isinstance(message, Ack) or message.resource != WHEELS.name:
+    def on_ack(self, ack: Ack, now: Scene) -> Iterator[Finding]:
+        if ack.resource != WHEELS.name:
             return
         self.checked, before, self._holder = True, self._holder, now.holder
         if not now.holder or now.holder == before:
@@ -319,7 +339,7 @@ class Speed(Rule):
     """
 
     promise = Promise.SPEED
-    needs = (RobotState, MissionStatus, Trajectory, Pose, Obstacles, Description)
+    needs = (RobotState, MissionStatus, Trajectory, Pose, Ack, Obstacles, Description)
 
     def __init__(self) -> None:
         super().__init__()
@@ -330,25 +350,26 @@ class Speed(Rule):
         self._capped: deque[bool] = deque(maxlen=OF_CYCLES)  # by readings, on such paths
         self._follows = Follows()
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if isinstance(message, Trajectory):
-            if self._path is None or message.waypoints != self._path.waypoints:
-                self._path, self._route = message, Route.of(message)
-        elif isinstance(message, Pose):
-            if self._route.waypoints:
-                self._route.advance(message.x, message.y)
-        elif isinstance(message, RobotState):
-            yield from self._base(message, now)
-            if not self._is_free(now):
-                self._since = inf
-                return
-            yield from self._caps(message, now)
-            if now.excuse(Excuse.CAPPED) is not None:
-                self._since = inf
-                return
-            self._since = min(self._since, now.now)
-            if now.now - self._since > SPEEDS_UP_S and now.ordered is not None:
-                yield from self._orders_less(now.ordered[0], now)
+    def on_trajectory(self, path: Trajectory, _: Scene) -> None:
+        if self._path is None or path.waypoints != self._path.waypoints:
+            self._path, self._route = path, Route.of(path)
+
+    def on_pose(self, pose: Pose, _: Scene) -> None:
+        if self._route.waypoints:
+            self._route.advance(pose.x, pose.y)
+
+    def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
+        yield from self._base(state, now)
+        if not self._is_free(now):
+            self._since = inf
+            return
+        yield from self._caps(state, now)
+        if now.excuse(Excuse.CAPPED) is not None:
+            self._since = inf
+            return
+        self._since = min(self._since, now.now)
+        if now.now - self._since > SPEEDS_UP_S and now.ordered is not None:
+            yield from self._orders_less(now.ordered[0], now)
 
     def _orders_less(self, v: float, now: Scene) -> Iterator[Finding]:
         self.checked = True
@@ -418,14 +439,14 @@ class Brakes(Rule):
         self._follows = Follows()
         self._slowed: deque[tuple[float, float]] = deque(maxlen=BRAKINGS)  # and what was due, m/s
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if not isinstance(message, RobotState) or now.description is None:
+    def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
+        if now.description is None:
             return
-        admitted = 0.0 if message.stop.stopped else now.admitted
+        admitted = 0.0 if state.stop.stopped else now.admitted
         # A wheel that comes to rest or turns around in a bend is held for some cycles by friction.
-        if admitted is None or message.v < abs(message.w) * now.description.half_width:
+        if admitted is None or state.v < abs(state.w) * now.description.half_width:
             return
-        self._follows.add(now.now, admitted, message.v)
+        self._follows.add(now.now, admitted, state.v)
         slowed = self._follows.brakes(now.description.v_decel)
         if slowed is None or now.excuse(Excuse.DISTURBED) is not None:
             return
@@ -435,7 +456,7 @@ class Brakes(Rule):
         share = sum(by for by, _ in self._slowed) / sum(due for _, due in self._slowed)
         if self._follows.rolls(now.description):
             if self.is_new("robot", now):
-                what = f"still drives {message.v:.2f} m/s, where {admitted:.2f} m/s are ordered"
+                what = f"still drives {state.v:.2f} m/s, where {admitted:.2f} m/s are ordered"
                 yield self.found(now, "robot", what, f"for {self._follows.lasts:.1f} s, {ramp}")
         elif len(self._slowed) == BRAKINGS and share < WEAK_SHARE and self.is_new("robot", now):
             what = f"brakes by {share:.0%} of its ramp"
@@ -443,7 +464,11 @@ class Brakes(Rule):
 
 
 class Turns(Rule):
-    """The base turns no faster than is let through."""
+    """The base turns no faster than is let through.
+
+    Nor does the robot agent have to stop it, as it does not move as ordered: that comes first if
+    the base is far too fast.
+    """
 
     promise = Promise.ORDERED
     needs = (RobotState,)
@@ -454,19 +479,21 @@ class Turns(Rule):
         # Measured, and the most that was let through just before.
         self._turned: deque[tuple[float, float]] = deque(maxlen=TURNED)
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if not isinstance(message, RobotState):
-            return
+    def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
+        if state.stop.by == Hand.DISOBEYS and self.is_new(f"stop {state.stop.press}", now):
+            self.checked = True
+            if now.excuse(Excuse.DISTURBED) is None:
+                yield self.found(now, "robot", f"was stopped, because of {state.stop.by}")
         excused = now.excuse(Excuse.DISTURBED, Excuse.FAULT, Excuse.STOPPED)
-        if message.stalled or excused or now.state_gap_s > GAP_S or not now.publishes_orders:
+        if state.stalled or excused or now.state_gap_s > GAP_S or not now.publishes_orders:
             self._rates.clear()
             return
-        self._rates.append(message.admitted.w)
+        self._rates.append(state.admitted.w)
         one_way = min(self._rates) > TURNS_LEAST_RAD_S or max(self._rates) < -TURNS_LEAST_RAD_S
         if len(self._rates) <= LAG_CYCLES or not one_way:
             return
         self.checked = True
-        self._turned.append((abs(message.w), max(map(abs, self._rates))))
+        self._turned.append((abs(state.w), max(map(abs, self._rates))))
         turned, most = (sum(each) / len(self._turned) for each in zip(*self._turned, strict=True))
         faster = len(self._turned) == TURNED and turned > FASTER * most
         if faster and self.is_new("robot", now, AGAIN_S):

@@ -6,8 +6,17 @@ from collections.abc import Iterator
 from math import inf
 from typing import Final
 
-from armadico.core.messages import Message, RobotState
-from armadico.mobile.messages import NO_POSE, MissionState, MissionStatus, Pose, Trajectory
+from armadico.core.judgement import Answer
+from armadico.core.messages import RobotState
+from armadico.mobile.messages import (
+    CANCELLED,
+    NO_POSE,
+    UNGUARDED,
+    MissionState,
+    MissionStatus,
+    Pose,
+    Trajectory,
+)
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import Rule
 from armadico.observe.audit.scene import Scene
@@ -36,7 +45,7 @@ class Failed(Rule):
     """
 
     promise = Promise.FAILED
-    needs = (RobotState, MissionStatus)
+    needs = (RobotState, MissionStatus, Trajectory, Pose)
 
     def __init__(self) -> None:
         super().__init__()
@@ -46,27 +55,32 @@ class Failed(Rule):
         self._lasted: dict[Excuse, float] = {}  # s, of this mission
         self._to_go, self._nearer_at, self._last_at = inf, -inf, -inf
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if isinstance(message, MissionStatus):
-            if message.mission != self._mission:
-                self._mission, self._judged, self._lasted = message.mission, False, {}
-                self._to_go, self._nearer_at, self._seen_at = inf, now.now, -inf
-            if message.state is MissionState.DRIVING and message.to_go < self._to_go - NEARER_M:
-                self._to_go, self._nearer_at = message.to_go, now.now
-            if message.state is MissionState.FAILED:
-                yield from self._judge(message, now)
-        elif isinstance(message, Trajectory):
-            if message.mission != self._mission and message.waypoints:
-                self._seen_at = now.now  # it is for another mission
-        elif isinstance(message, RobotState):
-            dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
-            if message.stalled or now.excuse(Excuse.FAULT) is not None:
-                self._seen_at = now.now
-            for each in (Excuse.LOST, Excuse.WAITS):
-                if now.excuse(each) is not None:
-                    self._lasted[each] = self._lasted.get(each, 0.0) + dt
+    def on_mission_status(self, status: MissionStatus, now: Scene) -> Iterator[Finding]:
+        if status.mission != self._mission:
+            self._mission, self._judged, self._lasted = status.mission, False, {}
+            self._to_go, self._nearer_at, self._seen_at = inf, now.now, -inf
+        if status.state is MissionState.DRIVING and status.to_go < self._to_go - NEARER_M:
+            self._to_go, self._nearer_at = status.to_go, now.now
+        if status.state is MissionState.FAILED:
+            yield from self._judge(status, now)
+
+    def on_trajectory(self, path: Trajectory, now: Scene) -> None:
+        if path.mission != self._mission and path.waypoints:
+            self._seen_at = now.now  # it is for another mission
+
+    def on_robot_state(self, state: RobotState, now: Scene) -> None:
+        dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
+        if state.stalled or now.excuse(Excuse.FAULT) is not None:
+            self._seen_at = now.now
+        for each in (Excuse.LOST, Excuse.WAITS):
+            if now.excuse(each) is not None:
+                self._lasted[each] = self._lasted.get(each, 0.0) + dt
 
     def _judge(self, status: MissionStatus, now: Scene) -> Iterator[Finding]:
+        if status.note.startswith((CANCELLED, UNGUARDED)):
+            what = "a mission ended as cancelled; who asked for that is not published"
+            yield self.found(now, "interface", what, status.note, Answer.UNKNOWN)
+            return
         first, self._judged, self.checked = not self._judged, True, True
         stuck = now.now - self._nearer_at > STUCK_S
         seen = now.now - self._seen_at < LATELY_S
@@ -87,21 +101,21 @@ class Refuses(Rule):
         self._steady_since = self._pose_at = -inf
         self._before: MissionStatus | None = None
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if isinstance(message, Pose):
-            if now.now - self._pose_at > GAP_S:
-                self._steady_since = now.now
-            self._pose_at = now.now
-        elif isinstance(message, MissionStatus):
-            before, self._before = self._before, message
-            # A new interface agent may not have received a pose yet, and knows of no mission.
-            if before is None or MissionState.NONE in (before.state, message.state):
-                return
-            if not message.refused or before.refused == message.refused:
-                return
-            self.checked = True
-            known_s = now.now - self._steady_since
-            known = known_s > KNOWN_S and now.now - self._pose_at < GAP_S
-            if message.refused == NO_POSE and known and now.excuse(Excuse.DISTURBED) is None:
-                what = "a goal was refused, as the pose is not known"
-                yield self.found(now, "interface", what, f"there were poses for {known_s:.0f} s")
+    def on_pose(self, _: Pose, now: Scene) -> None:
+        if now.now - self._pose_at > GAP_S:
+            self._steady_since = now.now
+        self._pose_at = now.now
+
+    def on_mission_status(self, status: MissionStatus, now: Scene) -> Iterator[Finding]:
+        before, self._before = self._before, status
+        # A new interface agent may not have received a pose yet, and knows of no mission.
+        if before is None or MissionState.NONE in (before.state, status.state):
+            return
+        if not status.refused or before.refused == status.refused:
+            return
+        self.checked = True
+        known_s = now.now - self._steady_since
+        known = known_s > KNOWN_S and now.now - self._pose_at < GAP_S
+        if status.refused == NO_POSE and known and now.excuse(Excuse.DISTURBED) is None:
+            what = "a goal was refused, as the pose is not known"
+            yield self.found(now, "interface", what, f"there were poses for {known_s:.0f} s")

@@ -44,10 +44,10 @@ class Live:
         kind for kind in watched() if not service_of(kind).watchers_only and kind is not Command
     )
 
-    def __init__(self) -> None:
+    def __init__(self, auditor: Auditor | None = None) -> None:
         self.news: list[str] = []
         self._broken: dict[tuple[Promise, str], Finding] = {}
-        self._auditor = Auditor()
+        self._auditor = auditor or Auditor()
 
     def begin(self) -> None:
         """Forget all but findings and map: what this process did not receive proves nothing."""

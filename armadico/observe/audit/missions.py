@@ -9,7 +9,7 @@ from typing import Final
 
 from armadico.config.worlds import World
 from armadico.core.judgement import Answer
-from armadico.core.messages import Message, RobotState
+from armadico.core.messages import RobotState
 from armadico.mobile.errand import Errands, StepDone
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import MissionState, MissionStatus, Pose, Trajectory, Truth, Waypoint
@@ -41,11 +41,9 @@ class Ends(Rule):
         super().__init__()
         self._rested_s, self._last_at = 0.0, -inf
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if not isinstance(message, RobotState):
-            return
+    def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
         dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
-        if not now.driving or not self._there(message, now):
+        if not now.driving or not self._there(state, now):
             self._rested_s = 0.0
             return
         self.checked = True
@@ -77,22 +75,29 @@ class Reached(Rule):
     def __init__(self) -> None:
         super().__init__()
         self._goal: tuple[int, Waypoint] | None = None
-        self._known = 0  # the last mission that was judged
+        self._driven = 0  # the last mission that was under way
+        self._known = 0  # the last one that was judged
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if isinstance(message, Trajectory):
-            if message.waypoints:
-                self._goal = message.mission, message.waypoints[-1]
-        elif isinstance(message, MissionStatus) and message.state is MissionState.REACHED:
-            goal = self._goal
-            if goal is not None and goal[0] == message.mission != self._known:
-                self._known, self.checked = message.mission, True
-                yield from self._judge(goal[1], message.doubt, now)
+    def on_trajectory(self, path: Trajectory, _: Scene) -> None:
+        if path.waypoints:
+            self._goal = path.mission, path.waypoints[-1]
+
+    def on_mission_status(self, status: MissionStatus, now: Scene) -> Iterator[Finding]:
+        if status.state is MissionState.DRIVING:
+            self._driven = status.mission
+        if status.state is not MissionState.REACHED or status.mission == self._known:
+            return
+        if self._goal is not None and self._goal[0] == status.mission:
+            self._known, self.checked = status.mission, True
+            yield from self._judge(self._goal[1], status.doubt, now)
+        elif status.mission == self._driven:
+            self._known, text = status.mission, "reached, and no Trajectory of it was received"
+            yield self.found(now, "interface", text, answer=Answer.UNKNOWN)
 
     def _judge(self, goal: Waypoint, doubt: str, now: Scene) -> Iterator[Finding]:
         pose, truth = now.pose, now.truth
         if pose is None:
-            text = "reached, and no pose shows where"
+            text = "reached, and no Pose was received that shows where"
             yield self.found(now, "interface", text, answer=Answer.UNKNOWN)
             return
         by_pose, truly = _off(goal, pose), None if truth is None else _off(goal, truth)
@@ -145,20 +150,20 @@ class Visits(Rule):
         self._way: deque[tuple[float, float, float, float]] = deque()  # s; x, y, off by, m
         self._steps: dict[int, tuple[StepDone, ...]] = {}  # that have ended, by errand
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if isinstance(message, Pose):
-            at = now.truth or message
-            self._way.append((now.now, at.x, at.y, max(REACHED_M, 3.0 * message.deviation)))
-            while now.now - self._way[0][0] > LATELY_S:
-                self._way.popleft()
-        elif isinstance(message, Errands):
-            for each in message.errands:
-                known, steps = self._steps.get(each.number), each.steps or ()
-                self._steps[each.number] = steps
-                # What ended before the first report, or is cut, cannot be judged.
-                if known is not None and steps[: len(known)] == known:
-                    for step in steps[len(known) :]:
-                        yield from self._judge(step, now)
+    def on_pose(self, pose: Pose, now: Scene) -> None:
+        at = now.truth or pose
+        self._way.append((now.now, at.x, at.y, max(REACHED_M, 3.0 * pose.deviation)))
+        while now.now - self._way[0][0] > LATELY_S:
+            self._way.popleft()
+
+    def on_errands(self, message: Errands, now: Scene) -> Iterator[Finding]:
+        for each in message.errands:
+            known, steps = self._steps.get(each.number), each.steps or ()
+            self._steps[each.number] = steps
+            # What ended before the first report, or is cut, cannot be judged.
+            if known is not None and steps[: len(known)] == known:
+                for step in steps[len(known) :]:
+                    yield from self._judge(step, now)
 
     def _judge(self, step: StepDone, now: Scene) -> Iterator[Finding]:
         task, _, named = step.step.rstrip(")").partition("(")

@@ -2,33 +2,30 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterator, Sequence
-from math import ceil, cos, hypot, inf, sin
+from collections.abc import Iterator
+from math import ceil, hypot, inf
 from typing import Final
 
 import numpy as np
 
-from armadico.core.messages import Message, RobotState
+from armadico.core.messages import Description, Message, RobotState
 from armadico.mobile.geometry import turning_circle
 from armadico.mobile.messages import MissionStatus, Pose, Scan, Sonar, Trajectory, Waypoint
-from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.route import Route
-from armadico.mobile.scans import Floats, points_of
 from armadico.observe.audit.chart import joined
 from armadico.observe.audit.failures import LONG_S, STUCK_S
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import Rule
 from armadico.observe.audit.scene import Scene
+from armadico.observe.audit.sensed import REMEMBERS_S
 
 WAITING: Final = (
-    *(Excuse.DISTURBED, Excuse.STOPPED, Excuse.FAULT, Excuse.BY_HAND, Excuse.LED),
-    *(Excuse.LOST, Excuse.UNSURE, Excuse.WAITS),
+    *(Excuse.DISTURBED, Excuse.STOPPED, Excuse.BY_HAND, Excuse.LED, Excuse.LOST),
+    *(Excuse.UNSURE, Excuse.WAITS),
 )
 
-REMEMBERS_S, SENSED_M, APART_M = 40.0, 2.0, 0.1
-"""A planner plans around what was sensed within the first, s, by sonar within the second, m. The
-third, m, is added to the circle in which the robot turns."""
+APART_M = 0.1
+"""It is added to the circle in which the robot turns, m."""
 
 PLANS_S: Final = 5.0
 """A robot that was lost has a planned path after this time, s."""
@@ -43,44 +40,6 @@ PLACED_M: Final = 0.4
 """Within this of its start a path is not judged, m."""
 
 
-class Sensed:
-    """What was sensed lately, world frame, m: planners plan around it."""
-
-    def __init__(self) -> None:
-        self.known = False  # whether there was any message of it
-        self._seen: deque[tuple[float, Floats]] = deque()  # s, and places
-
-    def add(self, message: Message, now: Scene) -> None:
-        """Add what a message of obstacles or readings shows."""
-        self.known |= isinstance(message, Obstacles | Scan | Sonar)
-        if isinstance(message, Obstacles):
-            self._add([(p.x, p.y) for p in message.points], now)
-        elif isinstance(message, Scan):
-            self._add(points_of(message), now)
-        elif isinstance(message, Sonar):
-            near = [(e, e.range) for e in message.echoes if e.range is not None]
-            places = [(e.x + r * cos(e.bearing), e.y + r * sin(e.bearing)) for e, r in near]
-            self._add(
-                [each for each, (_, r) in zip(places, near, strict=True) if r < SENSED_M], now
-            )
-
-    def places(self) -> Floats:
-        """All of them (n x 2)."""
-        places = [points for _, points in self._seen]
-        return np.concatenate(places) if places else np.empty((0, 2))
-
-    def _add(self, points: Sequence[tuple[float, float]] | Floats, now: Scene) -> None:
-        pose = now.pose
-        if pose is None or not len(points):
-            return
-        c, s, (x, y) = cos(pose.theta), sin(pose.theta), np.asarray(points, float).T
-        self._seen.append(
-            (now.now, np.column_stack((pose.x + c * x - s * y, pose.y + s * x + c * y)))
-        )
-        while now.now - self._seen[0][0] > REMEMBERS_S:
-            self._seen.popleft()
-
-
 class Waits(Rule):
     """While a mission waits as no path is free, a plain search of the map finds none either.
 
@@ -88,25 +47,22 @@ class Waits(Rule):
     """
 
     promise = Promise.STANDS
-    needs = (RobotState, MissionStatus, Trajectory, Pose)
+    needs = (RobotState, MissionStatus, Trajectory, Pose, Description)
     sees = (Sonar, Scan)
 
     def __init__(self) -> None:
         super().__init__()
-        self._sensed = Sensed()
         self._waited_s, self._last_at = 0.0, -inf
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        self._sensed.add(message, now)
-        if isinstance(message, RobotState):
-            dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
-            if message.stalled:
-                self._waited_s = -REMEMBERS_S  # what was touched may be remembered, too
-            waits = now.driving and now.excuse(*WAITING) is Excuse.WAITS
-            self._waited_s = self._waited_s + dt if waits or self._waited_s < 0.0 else 0.0
-            if waits and self._waited_s > LONG_S:
-                self._waited_s = 0.0
-                yield from self._search(now)
+    def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
+        dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
+        if state.stalled:
+            self._waited_s = -REMEMBERS_S  # what was touched may be remembered, too
+        waits = now.driving and now.excuse(*WAITING) is Excuse.WAITS
+        self._waited_s = self._waited_s + dt if waits or self._waited_s < 0.0 else 0.0
+        if waits and self._waited_s > LONG_S:
+            self._waited_s = 0.0
+            yield from self._search(now)
 
     def _search(self, now: Scene) -> Iterator[Finding]:
         path, pose, about, world = now.trajectory, now.pose, now.description, now.world
@@ -114,9 +70,11 @@ class Waits(Rule):
             return
         if pose is None or about is None or world is None or world.unseen is not None:
             return
+        if not now.sensed.known(about, now.now):
+            return
         self.checked = True
         apart = turning_circle(about.front, about.rear, about.half_width) + APART_M
-        goal, seen = path.waypoints[-1], self._sensed.places()
+        goal, seen = path.waypoints[-1], now.sensed.places()
         free = joined(world.barriers, world.bounds, seen, apart, (pose.x, pose.y), (goal.x, goal.y))
         if free and self.is_new("path-planning", now, STUCK_S):
             what = f"waits for {LONG_S:.0f} s as no path is free, and the map has one"
@@ -130,8 +88,7 @@ class Leads(Rule):
     """
 
     promise = Promise.PATH
-    needs = (Trajectory,)
-    sees = (Pose,)
+    needs = (Trajectory, Pose)
     charted = True
 
     def __init__(self) -> None:
@@ -147,7 +104,7 @@ class Leads(Rule):
         if not isinstance(message, Trajectory) or not message.planned or message.revision:
             return
         chart = now.chart
-        if chart is None or not message.waypoints or message.waypoints == self._judged:
+        if chart is None or now.pose is None or message.waypoints in ((), self._judged):
             return
         self._judged, self.checked = message.waypoints, True
         # An observer that comes under way sees a path whose first legs are done.
@@ -174,30 +131,28 @@ class Clears(Rule):
     """
 
     promise = Promise.PATH
-    needs = (Trajectory,)
-    sees = (Pose,)
+    needs = (Trajectory, Pose, Description)
+    sees = (Sonar, Scan)
     charted = True
 
     def __init__(self) -> None:
         super().__init__()
-        self._sensed = Sensed()
         self._judged: tuple[Waypoint, ...] = ()
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        self._sensed.add(message, now)
-        if not isinstance(message, Trajectory) or not message.planned or message.revision:
+    def on_trajectory(self, path: Trajectory, now: Scene) -> Iterator[Finding]:
+        if not path.planned or path.revision:
             return
         about, world, chart = now.description, now.world, now.chart
         if about is None or world is None or chart is None or world.unseen is not None:
             return
-        if not self._sensed.known:
+        if not now.sensed.known(about, now.now):
             return  # what the planner leads around is not known
-        if message.waypoints in ((), self._judged) or now.excuse(*UNPLANNED) is not None:
+        if path.waypoints in ((), self._judged) or now.excuse(*UNPLANNED) is not None:
             return
-        self._judged = message.waypoints
-        route = Route.of(message)
+        self._judged = path.waypoints
+        route = Route.of(path)
         x, y, places = route.leg_start.x, route.leg_start.y, [np.empty((0, 2))]
-        for to in message.waypoints[route.leg :]:
+        for to in path.waypoints[route.leg :]:
             steps = max(ceil(hypot(to.x - x, to.y - y) / STEP_M), 1)
             places.append(np.linspace((x, y), (to.x, to.y), steps, endpoint=False))
             x, y = to.x, to.y
@@ -212,7 +167,7 @@ class Clears(Rule):
         if room.min() > turns - NARROW_M:
             return
         wide = turns + NARROW_M
-        seen, (start, goal) = self._sensed.places(), map(tuple, ends.tolist())
+        seen, (start, goal) = now.sensed.places(), map(tuple, ends.tolist())
         if joined(world.barriers, world.bounds, seen, wide, start, goal):
             at = "({:.2f}, {:.2f})".format(*way[room.argmin()])
             what = f"the path keeps {room.min():.2f} m off the walls of the map at {at}"

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from math import atan2, dist, hypot, inf, pi, sqrt
 from typing import Final
 
-from armadico.core.messages import Cycle, Message, RobotState
+from armadico.core.messages import Cycle, RobotState
 from armadico.mobile.behaviour import FOUND_S
 from armadico.mobile.geometry import Pose2, compose, relative, wrap
 from armadico.mobile.messages import Correction, InitialPose, Pose, Truth
@@ -60,20 +60,18 @@ class Heading(Rule):
     promise = Promise.ODOMETRY
     needs = (RobotState,)
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+    def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
         before = now.before
-        if not isinstance(message, RobotState) or before is None:
-            return
-        if before.cycle.epoch != message.cycle.epoch:
+        if before is None or before.cycle.epoch != state.cycle.epoch:
             return
         self.checked = True
-        here = message.x, message.y, message.theta
+        here = state.x, state.y, state.theta
         x, y, turned = relative((before.x, before.y, before.theta), here)
         off = abs(wrap(atan2(y, x) - 0.5 * turned))
         if now.state_gap_s < GAP_S and abs(turned) > TURN_RAD:
-            rates = (before.w, message.w)  # the turn is between them, and the loops may overshoot
+            rates = (before.w, state.w)  # the turn is between them, and the loops may overshoot
             if max(rates) < 0.0 < turned or turned < 0.0 < min(rates):
-                what = f"it turned by {turned:.3f} rad while it measured {message.w:.2f} rad/s"
+                what = f"it turned by {turned:.3f} rad while it measured {state.w:.2f} rad/s"
                 yield self.found(now, "robot", what)
         most = SIDEWAYS_RAD
         if now.state_gap_s >= GAP_S:  # it may have driven first, and turned then
@@ -98,17 +96,17 @@ class Rated(Rule):
         self._sums = dict.fromkeys(RATES, (0.0, 0.0))  # by the odometry, and by the speeds
         self._off = dict.fromkeys(RATES, 0.0)  # the share in the window before
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+    def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
         before = now.before
-        if not isinstance(message, RobotState) or before is None or message.stalled:
+        if before is None or state.stalled:
             return
-        follows = before.cycle.epoch == message.cycle.epoch and 0.0 < now.state_gap_s < GAP_S
+        follows = before.cycle.epoch == state.cycle.epoch and 0.0 < now.state_gap_s < GAP_S
         if not follows or now.excuse(Excuse.DISTURBED) is not None:
             return
-        turned = abs(wrap(message.theta - before.theta))
-        went = hypot(message.x - before.x, message.y - before.y)
-        yield from self._add("turns", turned, (before.w, message.w), now)
-        yield from self._add("goes", went, (before.v, message.v), now)
+        turned = abs(wrap(state.theta - before.theta))
+        went = hypot(state.x - before.x, state.y - before.y)
+        yield from self._add("turns", turned, (before.w, state.w), now)
+        yield from self._add("goes", went, (before.v, state.v), now)
 
     def _add(
         self, name: str, counted: float, rates: tuple[float, float], now: Scene
@@ -142,28 +140,31 @@ class Moves(Rule):
         self._odometry: dict[Cycle, Pose2] = {}
         self._before: tuple[Pose, Pose2] | None = None
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if isinstance(message, RobotState):
-            self._odometry[message.cycle] = message.x, message.y, message.theta
-            if len(self._odometry) > POSES:
-                del self._odometry[next(iter(self._odometry))]
-        elif isinstance(message, InitialPose):
-            self._before = None
-        elif isinstance(message, Pose) and message.cycle in self._odometry:
-            before, here = self._before, self._odometry[message.cycle]
-            self._before = message, here
-            if before is None or not before[0].covariance or not message.covariance:
-                return
-            was = before[0]
-            if (was.cycle.epoch, was.revision) != (message.cycle.epoch, message.revision):
-                return
-            x, y, _ = compose((was.x, was.y, was.theta), relative(before[1], here))
-            off = hypot(message.x - x, message.y - y)
-            known = max(was.deviation, message.deviation)
-            self.checked = True
-            if off > STEP_FREE_M + STEP_DEVIATIONS * known and not now.excuse(Excuse.DISTURBED):
-                what = f"the pose moved by {off:.2f} m otherwise than the odometry"
-                yield self.found(now, "localization", what, f"+-{known:.2f} m")
+    def on_robot_state(self, state: RobotState, _: Scene) -> None:
+        self._odometry[state.cycle] = state.x, state.y, state.theta
+        if len(self._odometry) > POSES:
+            del self._odometry[next(iter(self._odometry))]
+
+    def on_initial_pose(self, _: InitialPose, _now: Scene) -> None:
+        self._before = None
+
+    def on_pose(self, pose: Pose, now: Scene) -> Iterator[Finding]:
+        here = self._odometry.get(pose.cycle)
+        if here is None:
+            return
+        before, self._before = self._before, (pose, here)
+        if before is None or not before[0].covariance or not pose.covariance:
+            return
+        was = before[0]
+        if (was.cycle.epoch, was.revision) != (pose.cycle.epoch, pose.revision):
+            return
+        x, y, _ = compose((was.x, was.y, was.theta), relative(before[1], here))
+        off = hypot(pose.x - x, pose.y - y)
+        known = max(was.deviation, pose.deviation)
+        self.checked = True
+        if off > STEP_FREE_M + STEP_DEVIATIONS * known and not now.excuse(Excuse.DISTURBED):
+            what = f"the pose moved by {off:.2f} m otherwise than the odometry"
+            yield self.found(now, "localization", what, f"+-{known:.2f} m")
 
 
 class Scaled(Rule):
@@ -179,9 +180,10 @@ class Scaled(Rule):
         self._way_m = self._true_m = 0.0  # of this window
         self._off = 0.0  # the share in the window before
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        state, before, at = now.state, now.before, now.truth or now.pose
-        if not isinstance(message, RobotState) or state is None or before is None or at is None:
+    def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
+        before, at = now.before, now.truth or now.pose
+        if before is None or at is None:
+            self._from = None
             return
         if (
             (isinstance(at, Pose) and not 0.0 < at.deviation < CERTAIN_M)
@@ -233,9 +235,7 @@ class Found(Rule):
         super().__init__()
         self._lost_s, self._last_at, self._mission = 0.0, -inf, 0
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if not isinstance(message, RobotState):
-            return
+    def on_robot_state(self, _: RobotState, now: Scene) -> Iterator[Finding]:
         dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
         self.checked = self.checked or (now.pose is not None and bool(now.pose.covariance))
         mission = 0 if now.mission is None else now.mission.mission
@@ -243,10 +243,7 @@ class Found(Rule):
             self._mission, self._lost_s = mission, 0.0
         if not now.lost:
             self._lost_s = max(self._lost_s - FOUND_SHARE * dt, 0.0)
-        elif (
-            now.driving
-            and now.excuse(Excuse.DISTURBED, Excuse.STOPPED, Excuse.BY_HAND, Excuse.FAULT) is None
-        ):
+        elif now.driving and now.excuse(Excuse.DISTURBED, Excuse.STOPPED, Excuse.BY_HAND) is None:
             self._lost_s += dt
             if self._lost_s > FOUND_S:
                 self._lost_s = -inf  # once in a mission
@@ -269,18 +266,30 @@ class Doubts(Rule):
         super().__init__()
         self._known: tuple[float, Cycle, float] = -inf, Cycle(0, 0), 0.0  # s, cycle, deviation, m
         self._cycles = 0
+        self._unfounded = False
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if isinstance(message, Correction):
-            xx, _, _, yy, _, _ = message.covariance
-            self._known = now.now, message.cycle, sqrt(max(xx, 0.0) + max(yy, 0.0))
-        elif isinstance(message, Pose):
-            at, cycle, off = self._known
-            if now.now - at > CORRECTED_S or cycle.epoch != message.cycle.epoch:
-                return
-            self.checked = True
-            doubted = message.deviation > hypot(DOUBTED * off, DRIVEN_M)
-            self._cycles += doubted and now.excuse(Excuse.DISTURBED) is None
-            if doubted and self._cycles > DOUBTED_CYCLES and self.is_new("encoder", now):
-                what = f"a pose is known to +-{message.deviation:.2f} m only"
-                yield self.found(now, "encoder", what, f"its corrections to +-{off:.2f} m")
+    @property
+    def pending(self) -> str:
+        return "a pose was not certain, and no Correction received" if self._unfounded else ""
+
+    @property
+    def due(self) -> bool:
+        return self._unfounded
+
+    def on_correction(self, correction: Correction, now: Scene) -> None:
+        xx, _, _, yy, _, _ = correction.covariance
+        self._unfounded = False
+        self._known = now.now, correction.cycle, sqrt(max(xx, 0.0) + max(yy, 0.0))
+
+    def on_pose(self, pose: Pose, now: Scene) -> Iterator[Finding]:
+        at, cycle, off = self._known
+        if at == -inf and now.mapped is not False and pose.deviation > DRIVEN_M:
+            self._unfounded = self.checked = True
+        if now.now - at > CORRECTED_S or cycle.epoch != pose.cycle.epoch:
+            return
+        self.checked = True
+        doubted = pose.deviation > hypot(DOUBTED * off, DRIVEN_M)
+        self._cycles += doubted and now.excuse(Excuse.DISTURBED) is None
+        if doubted and self._cycles > DOUBTED_CYCLES and self.is_new("encoder", now):
+            what = f"a pose is known to +-{pose.deviation:.2f} m only"
+            yield self.found(now, "encoder", what, f"its corrections to +-{off:.2f} m")

@@ -53,7 +53,7 @@ class Excuse(StrEnum):
     BLOCKED = "an obstacle is near its front or flanks"
     BY_HAND = "a person drives"
     LED = "an agent leads it, such as into a dock"
-    FAULT = "the robot agent says why it cannot be driven"
+    FAULT = "the robot agent says why it cannot be driven"  # this ends a mission
     CAPPED = "the robot agent published why it drives slower than ordered"
     SILENT = "the robot agent publishes nothing"
     UNSURE = "the pose does not claim to know its place within the tolerance of a goal"

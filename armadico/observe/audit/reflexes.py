@@ -9,9 +9,10 @@ from math import copysign
 from typing import Final
 
 from armadico.bridge.reflex import Reflex
+from armadico.bridge.seen import KEPT_S, LATELY_S
 from armadico.config.profile import load_profile
 from armadico.core.config_errors import ConfigError
-from armadico.core.messages import Cycle, Description, Message, RobotState, Twist
+from armadico.core.messages import Cycle, Description, RobotState, Twist
 from armadico.mobile.messages import Scan, Sonar
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import AGAIN_S, Rule
@@ -20,9 +21,9 @@ from armadico.observe.audit.scene import Scene
 WAITS: Final = 3
 """A cycle is judged once so many further ones have begun: readings may come after states."""
 
-LEARNS_S: Final = 11.0
-"""What the robot agent knows is at most so old, s, with a margin (`bridge.seen`). Until then, and
-after a gap, it knows what the auditor does not."""
+LEARNS_S: Final = LATELY_S + 1.0
+"""What the robot agent knows to be free is at most so old, s, with a margin. Until then, and after
+a gap, it knows what the auditor does not. Obstacles it knows for longer, `KEPT_S`."""
 
 OFF_M_S, OFF_RAD_S = 0.1, 0.2
 """Speeds that differ by more from what the reflex admits differ by more than its search's step, or
@@ -58,22 +59,20 @@ class Reflexes(Rule):
         self._over: deque[bool] = deque(maxlen=OF_ORDERS)
         self._under: deque[bool] = deque(maxlen=OF_ORDERS)
         self._unknown = ""
+        self._judged = False
 
     @property
     def pending(self) -> str:
-        return self._unknown
+        without = f"no {LEARNS_S:.0f} s of readings without a gap"
+        return self._unknown or ("" if self._judged else without)
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if isinstance(message, Sonar):
-            self._read[message.cycle] = message, self._read.get(message.cycle, (None, None))[1]
-        elif isinstance(message, Scan):
-            self._read[message.cycle] = self._read.get(message.cycle, (None, None))[0], message
-        elif isinstance(message, Description):
-            self._describe(message)
-        elif isinstance(message, RobotState) and self._reflexes:
-            yield from self._add(message, now)
+    def on_sonar(self, sonar: Sonar, _: Scene) -> None:
+        self._read[sonar.cycle] = sonar, self._read.get(sonar.cycle, (None, None))[1]
 
-    def _describe(self, about: Description) -> None:
+    def on_scan(self, scan: Scan, _: Scene) -> None:
+        self._read[scan.cycle] = self._read.get(scan.cycle, (None, None))[0], scan
+
+    def on_description(self, about: Description, _: Scene) -> None:
         if about.robot == self._robot:
             return
         self._robot, self._reflexes, self._unknown = about.robot, (), ""
@@ -82,9 +81,10 @@ class Reflexes(Rule):
         except ConfigError:
             self._unknown, self.checked = f"the profile {about.robot} is not at hand", True
 
-    def _add(self, state: RobotState, now: Scene) -> Iterator[Finding]:
+    def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
         states, about = self._states, now.description
-        assert about is not None, "it made the reflex"
+        if not self._reflexes or about is None:
+            return
         before = states[-1].cycle if states else state.cycle
         if state.cycle.epoch != before.epoch or state.cycle.number > before.number + 1:
             self._begin(about)
@@ -94,7 +94,11 @@ class Reflexes(Rule):
         if len(states) <= WAITS:
             return
         here, then = states[0], states[1]
-        self._update(here, about)
+        if not self._update(here, about):
+            self.checked = True
+            if self._learnt_s:
+                self._begin(about)
+            return
         if then.ordered == Twist(0.0, 0.0) or self._learnt_s < LEARNS_S:
             return
         yield from self._judge(here, then, now)
@@ -107,9 +111,11 @@ class Reflexes(Rule):
         self._read.clear()
         self._learnt_s = 0.0
 
-    def _update(self, here: RobotState, about: Description) -> None:
-        """Add a cycle, as the robot agent does."""
+    def _update(self, here: RobotState, about: Description) -> bool:
+        """Add a cycle, as the robot agent does; False if readings of it were not received."""
         sonar, scan = self._read.pop(here.cycle, (None, None))
+        if any({"sonar": sonar, "laser": scan}.get(name, here) is None for name in about.sensors):
+            return False
         for cycle in [each for each in self._read if each.number < here.cycle.number]:
             del self._read[cycle]
         self._learnt_s += about.cycle_s
@@ -122,31 +128,36 @@ class Reflexes(Rule):
                 scan,
                 (here.admitted.v, here.admitted.w),
             )
+        return True
 
     def _judge(self, here: RobotState, then: RobotState, now: Scene) -> Iterator[Finding]:
         assert now.description is not None, "it is described"
         v, w, top = then.ordered.v, then.ordered.w, now.description.v_max
         if abs(v) > top:
             v, w = copysign(top, v), w * top / abs(v)
-        may = [reflex.cap(v, w) for reflex in self._reflexes]
-        (least_v, most_v), (_, most_w) = (sorted(map(abs, each)) for each in zip(*may, strict=True))
         obeyed_v, obeyed_w = abs(then.admitted.v), abs(then.admitted.w)
-        turns_more = obeyed_w > most_w + OFF_RAD_S and obeyed_v > most_v - OFF_M_S
-        over = obeyed_v > most_v + OFF_M_S or turns_more
-        under = obeyed_v < least_v - OFF_M_S and not (here.stalled or then.stalled)
+        over = under = True
+        for reflex in self._reflexes:  # the second one only if by the first one the order is off
+            may_v, may_w = map(abs, reflex.cap(v, w))
+            turns_more = obeyed_w > may_w + OFF_RAD_S and obeyed_v > may_v - OFF_M_S
+            over = over and (obeyed_v > may_v + OFF_M_S or turns_more)
+            under = under and obeyed_v < may_v - OFF_M_S
+            if not (over or under):
+                break
+        under = under and self._learnt_s > KEPT_S and not (here.stalled or then.stalled)
         self._over.append(over)
         self._under.append(under)
-        self.checked = True
+        self.checked = self._judged = True
         if now.excuse(Excuse.DISTURBED) is not None:
             return
         orders, why = f"in {OFF} of {OF_ORDERS} orders", self._reflexes[0].why
         obeyed = f"{_so(then.admitted)} of {_so(then.ordered)}"
         if over and sum(self._over) >= OFF and self.is_new("over", now, AGAIN_S):
-            evidence = f"{obeyed}; {_so(Twist(most_v, most_w))} are admissible: {why}"
+            evidence = f"{obeyed}; {_so(Twist(may_v, may_w))} are admissible: {why}"
             what = f"lets through what its reflex forbids, {orders}"
             yield self.found(now, "robot", what, evidence)
         if under and sum(self._under) >= OFF and self.is_new("under", now, AGAIN_S):
-            evidence = f"{obeyed}; {least_v:.2f} m/s are admissible; it says: {then.capped}"
+            evidence = f"{obeyed}; {may_v:.2f} m/s are admissible; it says: {then.capped}"
             what = f"holds back what its readings admit, {orders}"
             yield replace(self.found(now, "robot", what, evidence), promise=Promise.SPEED)
 

@@ -8,6 +8,7 @@ from math import inf
 from typing import Final
 
 from armadico.config.worlds import World
+from armadico.core.membership import agent_of
 from armadico.core.messages import (
     Ack,
     Command,
@@ -25,20 +26,24 @@ from armadico.mobile.messages import (
     MissionState,
     MissionStatus,
     Pose,
+    Scan,
+    Sonar,
     Trajectory,
     Truth,
 )
 from armadico.mobile.obstacles import Obstacles, Surroundings
 from armadico.observe.audit.chart import Chart
 from armadico.observe.audit.promises import Excuse
+from armadico.observe.audit.sensed import Sensed
 from armadico.observe.measures import REACHED_M, REACHED_RAD, speeds
-from armadico.observe.view import agent_of, driver
+from armadico.observe.view import driver
 
 SILENT_S = 0.3
 """Without a `RobotState` for this time, s, the robot agent is silent: three cycles."""
 
 STATES_S = 1.0
-"""A state that is published regularly, such as driving by hand, is over after this time, s."""
+"""A state that is published regularly, such as driving by hand, is over after this time, s, and a
+pose unknown."""
 
 
 SHOWN: Final[tuple[type[Message], ...]] = (
@@ -73,6 +78,7 @@ class Scene:
         v_max: The limit that a scenario or a user sets, m/s (`v_max` of goto); inf: there is none;
             None: unknown.
         holder: The instance whose command is obeyed; "" without one.
+        sensed: What was sensed lately.
     """
 
     def __init__(self, excuses: frozenset[Excuse], v_max: float | None = None) -> None:
@@ -90,14 +96,15 @@ class Scene:
         self.state_at = -inf
         self.publishes_orders = False  # an older robot agent does not
         self.state_gap_s = inf  # between the last two states
-        self.pose: Pose | None = None
-        self.truth: Truth | None = None
+        self._pose: tuple[float, Pose | None] = -inf, None  # at
+        self._truth: tuple[float, Truth | None] = -inf, None  # at
         self.mission: MissionStatus | None = None
         self.trajectory: Trajectory | None = None
         self.ack: Ack | None = None
         self.command: Command | None = None  # the newest of the instance that is obeyed
         self.obstacles: Obstacles | None = None
         self.holder = ""
+        self.sensed = Sensed()
         self._surroundings = Surroundings()
         self._flags: dict[type[Message], tuple[float, bool, bool]] = {}  # at, by hand, led
 
@@ -114,15 +121,15 @@ class Scene:
             case Command(resource=WHEELS.name) if message.ballot.instance == self.holder:
                 self.command = message
             case Pose():
-                self.pose = message
+                self._pose = self.now, message
             case Truth():
-                self.truth = message
+                self._truth = self.now, message
             case MissionStatus():
                 self.mission = message
             case Trajectory():
                 self.trajectory = message
-            case Obstacles() if self._surroundings.counts(message):
-                self.obstacles = self._surroundings.update(message) or self.obstacles
+            case Obstacles() | Scan() | Sonar():
+                self._sense(message)
             case Description():
                 self.description = message
                 self._surroundings.describe(message)
@@ -132,6 +139,11 @@ class Scene:
                 self._flags[type(message)] = self.now, bool(message.driven_by), False
             case Leading():
                 self._flags[type(message)] = self.now, False, message.leads
+
+    def _sense(self, message: Obstacles | Scan | Sonar) -> None:
+        self.sensed.add(message, self.pose, self.now)
+        if isinstance(message, Obstacles) and self._surroundings.counts(message):
+            self.obstacles = self._surroundings.update(message) or self.obstacles
 
     def own(self, truth: Truth) -> bool:
         """Whether a truth is this robot's: another simulator may publish in the namespace."""
@@ -147,6 +159,18 @@ class Scene:
     def who(self) -> str:
         """The agent whose command is obeyed; "" without one."""
         return agent_of(self.holder) if self.holder else ""
+
+    @property
+    def pose(self) -> Pose | None:
+        """The newest pose; None if it is unknown, also once it is no longer received."""
+        at, pose = self._pose
+        return pose if self.now - at < STATES_S else None
+
+    @property
+    def truth(self) -> Truth | None:
+        """The same of the true pose."""
+        at, truth = self._truth
+        return truth if self.now - at < STATES_S else None
 
     @property
     def driving(self) -> bool:

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from armadico.core.messages import Cycle, Message, Point, RobotState
+from armadico.core.messages import Cycle, Description, Point, RobotState
 from armadico.mobile.geometry import compose, relative, wrap
 from armadico.mobile.messages import Pose, Scan, Sonar, Truth
 from armadico.mobile.motion import clearances
@@ -24,12 +24,10 @@ from armadico.observe.audit.poses import CERTAIN_M, POSES
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import AGAIN_S, Rule
 from armadico.observe.audit.scene import Scene
+from armadico.observe.audit.sensed import NOTHING
 
 MOVED_M, TURNED_RAD = 0.05, 0.05
 """A reading ahead changes over this way, and every reading over this turn."""
-
-NOTHING = {0x00, 0xFF}
-"""The bytes of rays without an echo: where nothing is in reach, all scans are the same."""
 
 MOVES_M_S = 0.05
 """Slower than this, the same readings would count again and again."""
@@ -68,6 +66,9 @@ READ, HIDDEN = 20, 15
 """Of so many readings of a side in a row fewer than the second lack an obstacle, or miss a wall. In
 24 drives of the fault bed it was 7 at most."""
 
+ALIKE = 5
+"""So many readings of one wall count. Chosen: three walls that are missed suffice."""
+
 LOOKS_M, NEAREST_M, SQUARE, BEYOND_M, WALLS = 1.2, 0.15, 0.94, 0.5, 3
 """A wall within the first of a sonar (twice that of a laser), and not within the second, m, met at
 this sine at least, is missed by a reading farther beyond; so many walls must be missed."""
@@ -88,33 +89,37 @@ class Changes(Rule):
         self._way_m = 0.0
         self._repeats: dict[str, int] = {}
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        state, before = now.state, now.before
+    def on_robot_state(self, state: RobotState, now: Scene) -> None:
+        before = now.before
+        if before is not None and before.cycle.epoch == state.cycle.epoch:
+            step = relative((before.x, before.y, before.theta), (state.x, state.y, 0.0))
+            self._way_m += step[0]
+
+    def on_sonar(self, sonar: Sonar, now: Scene) -> Iterator[Finding]:
+        state = now.state
         if state is None:
             return
-        if isinstance(message, RobotState):
-            if before is not None and before.cycle.epoch == state.cycle.epoch:
-                step = relative((before.x, before.y, before.theta), (state.x, state.y, 0.0))
-                self._way_m += step[0]
-        elif isinstance(message, Sonar):
-            for echo in message.echoes:
-                if echo.range is None:
-                    continue
-                key = echo.x, echo.y, echo.bearing
-                last = self._echoes.get(key)
-                ahead = abs(wrap(echo.bearing)) < AHEAD_RAD
-                if last is None or not self._moved(last[1:], state, ahead=ahead):
-                    self._echoes.setdefault(key, (echo.range, self._way_m, state.theta))
-                    continue
-                self._echoes[key] = echo.range, self._way_m, state.theta
-                yield from self._reads("sonar", now, same=last[0] == echo.range)
-        elif isinstance(message, Scan) and set(message.packed) - NOTHING:
-            scan = self._scan
-            if scan is None or message.number == scan[0]:
-                self._scan = scan or (message.number, message.packed, self._way_m, state.theta)
-            elif self._moved(scan[2:], state, ahead=True):
-                self._scan = message.number, message.packed, self._way_m, state.theta
-                yield from self._reads("laser", now, same=scan[1] == message.packed)
+        for echo in sonar.echoes:
+            if echo.range is None:
+                continue
+            key = echo.x, echo.y, echo.bearing
+            last = self._echoes.get(key)
+            ahead = abs(wrap(echo.bearing)) < AHEAD_RAD
+            if last is None or not self._moved(last[1:], state, ahead=ahead):
+                self._echoes.setdefault(key, (echo.range, self._way_m, state.theta))
+                continue
+            self._echoes[key] = echo.range, self._way_m, state.theta
+            yield from self._reads("sonar", now, same=last[0] == echo.range)
+
+    def on_scan(self, scan: Scan, now: Scene) -> Iterator[Finding]:
+        state, known = now.state, self._scan
+        if state is None or not scan.packed.strip(NOTHING):
+            return
+        if known is None or scan.number == known[0]:
+            self._scan = known or (scan.number, scan.packed, self._way_m, state.theta)
+        elif self._moved(known[2:], state, ahead=True):
+            self._scan = scan.number, scan.packed, self._way_m, state.theta
+            yield from self._reads("laser", now, same=known[1] == scan.packed)
 
     def _moved(self, since: tuple[float, ...], state: RobotState, *, ahead: bool) -> bool:
         way, heading = since
@@ -143,9 +148,9 @@ class Renewed(Rule):
         self._shown: dict[str, tuple[Point, ...]] = {}
         self._repeats: Counter[str] = Counter()
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+    def on_obstacles(self, message: Obstacles, now: Scene) -> Iterator[Finding]:
         state = now.state
-        if not isinstance(message, Obstacles) or not message.points or state is None:
+        if not message.points or state is None:
             return
         before = self._shown.get(message.sensor)
         self._shown[message.sensor] = message.points
@@ -163,7 +168,7 @@ class _Mapped(Rule):
     """Judges readings on the way by the map; of a laser one scan in `SCANS_S`."""
 
     promise = Promise.SENSORS
-    needs = (RobotState, Pose)
+    needs = (RobotState, Pose, Description)
     sees = (Sonar, Scan, Truth)
     charted = True
 
@@ -171,12 +176,13 @@ class _Mapped(Rule):
         super().__init__()
         self._scan_at = -inf
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if now.chart is None or now.state is None or not isinstance(message, Sonar | Scan):
+    def on_sonar(self, message: Sonar | Scan, now: Scene) -> Iterator[Finding]:
+        if now.chart is None or now.state is None or abs(now.state.v) < MOVES_M_S:
             return
-        if abs(now.state.v) < MOVES_M_S or now.excuse(Excuse.DISTURBED) is not None:
-            return
-        yield from self.judge(message, now.chart, now)
+        if now.excuse(Excuse.DISTURBED) is None:
+            yield from self.judge(message, now.chart, now)
+
+    on_scan = on_sonar
 
     @abstractmethod
     def judge(self, message: Sonar | Scan, chart: Chart, now: Scene) -> Iterator[Finding]:
@@ -275,12 +281,14 @@ def _off_map(
 class Sees(_Mapped):
     """On each side a sensor reads the walls of the map that are near and square to it.
 
-    One wall may be gone, so several must be missed.
+    Some walls may be gone, or return nothing, so several must be missed, and of each missed wall
+    only the newest readings count: beside a long one the robot takes many.
     """
 
     def __init__(self) -> None:
         super().__init__()
-        self._missed: dict[tuple[str, str], deque[int | None]] = {}  # walls, by sensor and side
+        # Of each wall whether it was missed, by sensor and side.
+        self._missed: dict[tuple[str, str], deque[tuple[int, bool]]] = {}
 
     def judge(self, message: Sonar | Scan, chart: Chart, now: Scene) -> Iterator[Finding]:
         pose = now.pose
@@ -296,14 +304,16 @@ class Sees(_Mapped):
             from_x, from_y, theta = compose((at.x, at.y, at.theta), (x, y, bearing))
             sight = chart.ahead(from_x, from_y, theta)
             if sight is not None and NEAREST_M < sight.far < most and sight.square > SQUARE:
-                missed = sight.wall if far > sight.far + BEYOND_M else None
-                yield from self._add(sensor, _side(cos(bearing), sin(bearing)), missed, now)
+                read = sight.wall, far > sight.far + BEYOND_M
+                yield from self._add(sensor, _side(cos(bearing), sin(bearing)), read, now)
 
-    def _add(self, sensor: str, side: str, missed: int | None, now: Scene) -> Iterator[Finding]:
+    def _add(self, sensor: str, side: str, read: tuple[int, bool], now: Scene) -> Iterator[Finding]:
         self.checked = True
         lately = self._missed.setdefault((sensor, side), deque(maxlen=READ))
-        lately.append(missed)
-        walls = [each for each in lately if each is not None]
+        if read[1] and lately.count(read) >= ALIKE:
+            lately.remove(read)
+        lately.append(read)
+        walls = [wall for wall, missed in lately if missed]
         often = len(walls) >= HIDDEN and len(set(walls)) >= WALLS
         if often and self.is_new(f"{sensor} {side}", now):
             what = f"reads nothing {side}, where the map has walls"
@@ -314,30 +324,34 @@ class Shown(Rule):
     """What a sensor reads near the robot is published as an obstacle."""
 
     promise = Promise.SENSORS
-    needs = (RobotState, Obstacles)
+    needs = (RobotState, Obstacles, Description)
     sees = (Sonar, Scan)
 
     def __init__(self) -> None:
         super().__init__()
-        self._read: dict[tuple[str, Cycle], Floats] = {}  # near places, by sensor and cycle
+        self._read: dict[tuple[str, Cycle], Sonar | Scan] = {}  # by sensor and cycle
         self._hidden: dict[tuple[str, str], deque[bool]] = {}  # by sensor and side
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+    def on_sonar(self, message: Sonar | Scan, _: Scene) -> None:
+        sensor = "laser" if isinstance(message, Scan) else "sonar"
+        self._read[sensor, message.cycle] = message
+        if len(self._read) > POSES:
+            del self._read[next(iter(self._read))]
+
+    on_scan = on_sonar
+
+    def on_obstacles(self, message: Obstacles, now: Scene) -> Iterator[Finding]:
         state, about = now.state, now.description
-        if isinstance(message, Sonar | Scan):
-            sensor, points = _near(message)
-            self._read[sensor, message.cycle] = points
-            if len(self._read) > POSES:
-                del self._read[next(iter(self._read))]
-        elif isinstance(message, Obstacles) and state is not None and about is not None:
-            points = self._read.pop((message.sensor, message.cycle), np.empty((0, 2)))
-            if abs(state.v) < MOVES_M_S or now.excuse(Excuse.DISTURBED) is not None:
-                return
-            outline = Outline(about.front, about.rear, about.half_width)
-            gaps = clearances(outline, *points.T)
-            points = points[(gaps > 0.0) & (gaps < SHOWN_M)]  # a laser may see its own robot
-            if len(points):
-                yield from self._compare(message, points, now)
+        if state is None or about is None:
+            return
+        read = self._read.pop((message.sensor, message.cycle), None)
+        if read is None or abs(state.v) < MOVES_M_S or now.excuse(Excuse.DISTURBED) is not None:
+            return
+        outline, points = Outline(about.front, about.rear, about.half_width), _near(read)
+        gaps = clearances(outline, *points.T)
+        points = points[(gaps > 0.0) & (gaps < SHOWN_M)]  # a laser may see its own robot
+        if len(points):
+            yield from self._compare(message, points, now)
 
     def _compare(self, shown: Obstacles, points: Floats, now: Scene) -> Iterator[Finding]:
         self.checked = True
@@ -353,19 +367,19 @@ class Shown(Rule):
                 yield self.found(now, shown.sensor, what, f"{sum(lately)} of {READ} readings")
 
 
-def _near(message: Sonar | Scan) -> tuple[str, Floats]:
-    """The sensor, and places (body frame, m) of readings that are near enough to be exact."""
+def _near(message: Sonar | Scan) -> Floats:
+    """The places (n x 2, body frame, m) of readings that are near enough to be exact."""
     if isinstance(message, Scan):
         points = points_of(message)
         points = points[:: max(len(points) // RAYS, 1)]
-        return "laser", points[np.hypot(*points.T) < LASER_M]
-    near = [e for e in message.echoes if e.range is not None and e.range < SONAR_M]
+        near: Floats = points[np.hypot(*points.T) < LASER_M]
+        return near
     rows = [
         (e.x + e.range * cos(e.bearing), e.y + e.range * sin(e.bearing))
-        for e in near
-        if e.range is not None
+        for e in message.echoes
+        if e.range is not None and e.range < SONAR_M
     ]
-    return "sonar", np.array(rows, float).reshape(-1, 2)
+    return np.array(rows, float).reshape(-1, 2)
 
 
 def rays_of(message: Sonar | Scan) -> list[tuple[float, float, float, float]]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import islice
 from math import ceil, cos, degrees, hypot, inf, isfinite, pi, sin
 from statistics import median
 from typing import Final
 
-from armadico.core.messages import Cycle, Message, RobotState
+import numpy as np
+
+from armadico.core.messages import Cycle, Description, RobotState
 from armadico.mobile.geometry import Pose2, compose, wrap
 from armadico.mobile.messages import Pose, Scan, Sonar
 from armadico.observe.audit.chart import Chart, Sight
@@ -50,7 +52,11 @@ BESIDE_M: Final = 0.3
 second of it, m."""
 
 HEARD, HEARD_S = 3, 60.0
-"""So many readings of other directions within this time, s, show that a wall is there."""
+"""So many readings of other directions within this time, s, show that a wall was there."""
+
+AGAIN_S: Final = 5.0
+"""A reading of another direction within this time, s, after a wall was missed shows that it still
+is. Else it may have gone: a door that was opened, a box that was taken away."""
 
 SECTOR_RAD: Final = 0.35
 """Rays of a laser within this count as one direction."""
@@ -60,16 +66,19 @@ LOOKS, MISSED, WALLS = 15, 13, 2
 
 Mount = tuple[str, float, float, float]
 
+Read = tuple[float, Mount, int, float, float]
+"""When, s, by what, the wall, and x, y on the map, m."""
+
 
 class Compared(Rule):
     """Readings fit the walls of the map, by their cycle's place: none is late, none is missing.
 
     What is not on the map fits no wall, and is not counted. A wall counts as missed only where
-    other sensors read it.
+    other directions of the same sensor read it before and after.
     """
 
     promise = Promise.SENSORS
-    needs = (RobotState, Pose)
+    needs = (RobotState, Pose, Description)
     sees = (Sonar, Scan)
     charted = True
 
@@ -79,28 +88,35 @@ class Compared(Rule):
         self._readings: dict[Cycle, Sonar | Scan] = {}
         self._scan_at = -inf
         self._late: dict[tuple[str, int], deque[float]] = {}  # how late, s, by quadrant
-        self._read: deque[tuple[float, Mount, float, float]] = deque()  # s; x, y on the map, m
+        self._read: deque[Read] = deque()
+        self._doubted: deque[Read] = deque()  # missed, and not yet read by others since
         self._missed: dict[Mount, deque[int | None]] = {}
 
-    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        if isinstance(message, Sonar):
-            self._readings[message.cycle] = message
-        elif isinstance(message, Scan) and now.now - self._scan_at >= SCANS_S:
+    def on_sonar(self, sonar: Sonar, now: Scene) -> Iterator[Finding]:
+        self._readings[sonar.cycle] = sonar
+        yield from self._match(sonar.cycle, now)
+
+    def on_scan(self, scan: Scan, now: Scene) -> Iterator[Finding]:
+        if now.now - self._scan_at >= SCANS_S:
             self._scan_at = now.now
-            self._readings[message.cycle] = message
-        elif isinstance(message, Pose):
-            place = now.truth or message
-            if now.truth or (0.0 < message.deviation < CERTAIN_M and not message.revision):
-                self._places[message.cycle] = place.x, place.y, place.theta
-        else:
-            return
+            self._readings[scan.cycle] = scan
+            yield from self._match(scan.cycle, now)
+
+    def on_pose(self, pose: Pose, now: Scene) -> Iterator[Finding]:
+        place = now.truth or pose
+        if now.truth or (0.0 < pose.deviation < CERTAIN_M and not pose.revision):
+            self._places[pose.cycle] = place.x, place.y, place.theta
+        yield from self._match(pose.cycle, now)
+
+    def _match(self, cycle: Cycle, now: Scene) -> Iterator[Finding]:
+        """Compare a cycle's reading once its place is known, too."""
         for kept in (self._places, self._readings):
             if len(kept) > KEPT:
                 del kept[next(iter(kept))]
-        here = self._places.get(message.cycle)
-        if here is None or message.cycle not in self._readings:
+        here = self._places.get(cycle)
+        if here is None or cycle not in self._readings:
             return
-        reading = self._readings.pop(message.cycle)
+        reading = self._readings.pop(cycle)
         if now.chart is not None and now.excuse(Excuse.DISTURBED) is None:
             yield from self._compare(reading, here, now.chart, now)
 
@@ -111,25 +127,33 @@ class Compared(Rule):
         most = SONAR_M if isinstance(reading, Sonar) else LASER_M
         about = now.description
         before = {} if about is None else self._before(reading.cycle, about.cycle_s)
-        mounts: list[tuple[Mount, float, float]] = []
+        read: list[tuple[Mount, float, float]] = []
         for x, y, bearing, far in rays_of(reading):
             mount = _mount(sensor, x, y, bearing)
             from_x, from_y, theta = compose(here, (x, y, bearing))
             if far < most:
-                mounts.append((mount, from_x + far * cos(theta), from_y + far * sin(theta)))
+                read.append((mount, from_x + far * cos(theta), from_y + far * sin(theta)))
             sight = chart.ahead(from_x, from_y, theta)
             if sight is None or not NEAREST_M < sight.far < most or sight.square < SQUARE:
                 continue
             place = from_x + sight.far * cos(theta), from_y + sight.far * sin(theta)
-            if self._is_there(mount, *place):
-                missed = sight.wall if far > sight.far + BEYOND_M else None
-                yield from self._look(mount, missed, now)
+            if self._is_there(mount, sight.wall, *place):
+                if far > sight.far + BEYOND_M:
+                    self._doubted.append((now.now, mount, sight.wall, *place))
+                else:
+                    self._look(mount, None)
             if before and isfinite(far):
                 due = _dues(chart, before, (x, y, bearing), sight, sonar=sensor == "sonar")
                 yield from self._time(sensor, theta, far, due, now)
-        self._read.extend((now.now, *each) for each in mounts)
-        while self._read and now.now - self._read[0][0] > HEARD_S:
-            self._read.popleft()
+        walls = chart.nearest(np.array([each[1:] for each in read]).reshape(-1, 2))
+        new = [
+            (now.now, mount, wall, x, y) for (mount, x, y), wall in zip(read, walls, strict=True)
+        ]
+        yield from self._confirm(new, now)
+        self._read.extend(new)
+        for kept, at_most in ((self._read, HEARD_S), (self._doubted, AGAIN_S)):
+            while kept and now.now - kept[0][0] > at_most:
+                kept.popleft()
 
     def _before(self, cycle: Cycle, cycle_s: float) -> dict[float, Pose2]:
         """Where it was then and before, by how long before, s; empty if one is missing."""
@@ -141,18 +165,27 @@ class Compared(Rule):
             found[cycles * cycle_s] = place
         return found
 
-    def _is_there(self, mount: Mount, x: float, y: float) -> bool:
-        """Whether the same sensor reads it in other directions: foam answers no sonar."""
-        others = (e for e in self._read if e[1][0] == mount[0] and e[1] != mount)
-        near = (1 for _, _, x2, y2 in others if hypot(x2 - x, y2 - y) < BESIDE_M)
+    def _is_there(self, mount: Mount, wall: int, x: float, y: float) -> bool:
+        """Whether the same sensor read it in other directions: foam answers no sonar."""
+        near = (1 for each in self._read if _shows(each, (0.0, mount, wall, x, y)))
         return sum(islice(near, HEARD)) == HEARD
 
-    def _look(self, mount: Mount, missed: int | None, now: Scene) -> Iterator[Finding]:
+    def _confirm(self, read: Sequence[Read], now: Scene) -> Iterator[Finding]:
+        """Count the walls that were missed and that others read since."""
+        for missed in [*self._doubted]:
+            at, mount, wall, _, _ = missed
+            if at < now.now and any(_shows(each, missed) for each in read):
+                self._doubted.remove(missed)
+                self._look(mount, wall)
+                yield from self._judge(mount, now)
+
+    def _look(self, mount: Mount, missed: int | None) -> None:
         """Add a look at a wall: its number if it was missed."""
         self.checked = True
-        lately = self._missed.setdefault(mount, deque(maxlen=LOOKS))
-        lately.append(missed)
-        walls = [each for each in lately if each is not None]
+        self._missed.setdefault(mount, deque(maxlen=LOOKS)).append(missed)
+
+    def _judge(self, mount: Mount, now: Scene) -> Iterator[Finding]:
+        walls = [each for each in self._missed[mount] if each is not None]
         if len(walls) < MISSED or len(set(walls)) < WALLS or not self.is_new(str(mount), now):
             return
         sensor, _, _, bearing = mount
@@ -180,6 +213,14 @@ class Compared(Rule):
             before = median(self._late[sensor, quadrant])
             what = f"its readings fit the map where the robot was {before:.1f} s before"
             yield self.found(now, sensor, what, f"{lates[0]} of {TIMES}, in two directions")
+
+
+def _shows(read: Read, missed: Read) -> bool:
+    """Whether a reading shows the wall that another direction of the same sensor missed."""
+    _, mount, wall, x, y = read
+    _, other, same, x2, y2 = missed
+    others = mount[0] == other[0] and mount != other
+    return others and wall == same and hypot(x2 - x, y2 - y) < BESIDE_M
 
 
 def _mount(sensor: str, x: float, y: float, bearing: float) -> Mount:

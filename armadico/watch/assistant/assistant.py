@@ -2,38 +2,142 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections import deque
 from collections.abc import Callable
-from math import radians
+from dataclasses import dataclass
+from datetime import datetime
+from functools import partial
+from math import inf, radians
 from typing import Annotated, Any, ClassVar, Final
 
 import msgspec
 from msgspec import Meta
+from msgspec.structs import replace
 
 from armadico.agents.interface.messages import MissionCancel, MissionOrder
-from armadico.config.errands import load_mission
-from armadico.config.shipped import names
+from armadico.config.errands import Mission, load_mission
+from armadico.config.shipped import find, names
+from armadico.config.worlds import load_world
 from armadico.core import agent
-from armadico.core.agent import WARNING, Agent, Question
+from armadico.core.agent import ERROR, WARNING, Agent, Question
 from armadico.core.config_errors import ConfigError
-from armadico.core.messages import Message, RobotState, line, next_count
-from armadico.mobile.errand import Errands, Order
+from armadico.core.messages import LABEL, Description, Message, RobotState, line, next_count
+from armadico.mesh.sources import Rations
+from armadico.mobile.errand import Order
 from armadico.mobile.geometry import wrap
-from armadico.mobile.messages import MissionReply, MissionRequest, Waypoint
-from armadico.watch.assistant.messages import AssistantRecord, AssistantReply, AssistantRequest
+from armadico.mobile.messages import (
+    MissionReply,
+    MissionRequest,
+    MissionState,
+    MissionStatus,
+    Plan,
+    PlanRequest,
+    Pose,
+    Terms,
+    Trajectory,
+    Waypoint,
+)
+from armadico.mobile.obstacles import Obstacles
+from armadico.watch.assistant.goals import BY, LONGEST_BY, Goals, by_name, client_in, orderer
+from armadico.watch.assistant.messages import (
+    AssistantRecord,
+    AssistantReply,
+    AssistantRequest,
+    known_as,
+)
+from armadico.watch.assistant.policy import approvals
+from armadico.watch.assistant.policy.book import Book
+from armadico.watch.assistant.policy.ledger import ALWAYS, FORGOTTEN
+from armadico.watch.assistant.policy.messages import (
+    Answered,
+    ApprovalAnswer,
+    Approvals,
+    Choice,
+    Ledger,
+)
+from armadico.watch.assistant.policy.policy import NO_POLICY, Rules, load
+from armadico.watch.assistant.policy.scene import Scene
 from armadico.watch.assistant.tools import TOOLS, Because, Goal, Named, Numbered
 
-# The prefix of the name under which this agent orders missions and stops the robot.
-BY: Final = "assistant"
+LOOK_S: Final = 1.0  # the period of what does not wait for a message
 
-LONGEST_BY: Final = 100  # characters of that name that are published
+HOUR_S: Final = 3600.0
+
+APPROVAL: Final = "approval"
+"""What a server asks instead of a tool: what has become of a request that waits for a person."""
+
+TOO_NEAR: Final = 3
+"""A mission ends once so many messages in a row show something too near: one may be an echo."""
+
+UNKNOWN: Final = "its policy is not known here"
+
+BESIDE: Final = "another assistant agent, with a policy, is alive: ask again when one is left"
+
+BESIDE_S: Final = 3.0
+"""It is alive if it has published its policy within this time, s; it does each second."""
+
+CANCELS: Final = 3
+"""If nobody has answered so many cancellations, the robot is stopped: it would leave the policy."""
+
+LEARN_S: Final = 2.0
+"""Time in which an agent that has started receives where the robot is and how large, s, before a
+mission ends, or a goal is refused, because that is not known."""
+
+UNPROVED: Final = (
+    "this society has no keys: clients are known by the names that they announce, which is no proof"
+)
+
+TAKEN_BACK: Final = "taken back by its client"
+
+BUSY: Final = "one request is being answered; ask again later"
+
+NOBODY: Final = "no agent that takes missions has answered"
+
+LOST: Final = f"{NOBODY}: it may still begin, and is cancelled then"
+
+TELL_S: Final = 3.0
+"""A person who approves a request is told what becomes of it, at the latest after so long."""
+
+CANCEL_S: Final = 0.5  # the timeout of a cancellation
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """The rate limit for requests, and the timeout for a mission agent's reply."""
+    """The policy, the log, the rate limit, and the timeout for a mission agent's reply."""
 
+    policy: str = ""  # a TOML file (docs/policy.md), or the name of a shipped one; "": none
+    log: str = ""  # a file that each request is appended to; "": none
+    world: str = ""  # the map with the policy's rooms; "": none
     a_second: Annotated[float, Meta(gt=0, le=100)] = 2.0  # requests per second, on average
     at_once: Annotated[float, Meta(ge=1, le=1000)] = 20.0  # requests in one burst
     planning_s: Annotated[float, Meta(gt=0, le=120)] = 25.0
+
+
+Deliver = Callable[[AssistantReply], None]
+"""Gives the outcome of a request to its client."""
+
+
+@dataclass(frozen=True)
+class _Drive:
+    """A request that sets the robot in motion, on its way through the rules."""
+
+    request: AssistantRequest
+    rules: Rules
+    deliver: Deliver
+    goal: Waypoint | None  # None: a mission
+    mission: Mission | None = None  # None: a goal
+    approved: approvals.Waiting | None = None  # by a person
+    rooms: tuple[str, ...] = ()  # on its way, that need approval and have it
+
+
+@dataclass(frozen=True)
+class _Told:
+    """A person who has approved a request, and is to be told what became of it."""
+
+    waiting: approvals.Waiting
+    question: Question
+    text: str  # what it begins with
+    at: float  # s
 
 
 class Assistant(Agent):
@@ -43,23 +147,40 @@ class Assistant(Agent):
     same queries as the operator's commands do, at the lowest priority: a goal does not replace a
     goal of others, and a mission waits for all others. It may stop the robot. Only people release
     a stop; the agent replies with the code that they must type.
+
+    A policy (`armadico.watch.assistant.policy`) limits further what each client may do. This agent
+    judges the request, and watches the robot while it drives for a client: a mission that would
+    leave the policy is cancelled.
     """
 
     name = "assistant"
     alone = True
-    receives: ClassVar[tuple[type[Message], ...]] = (RobotState,)
-    provides: ClassVar[tuple[type[Message], ...]] = (AssistantRecord,)
-    answers: ClassVar[tuple[type[Message], ...]] = (AssistantRequest,)
-    queries: ClassVar[tuple[type[Message], ...]] = (MissionRequest, MissionOrder, MissionCancel)
+    receives: ClassVar[tuple[type[Message], ...]] = (
+        *(RobotState, Description, Pose, Obstacles),
+        *(Trajectory, MissionStatus, Ledger, Approvals),
+    )
+    provides: ClassVar[tuple[type[Message], ...]] = (AssistantRecord, Approvals, Ledger)
+    answers: ClassVar[tuple[type[Message], ...]] = (AssistantRequest, ApprovalAnswer)
+    queries: ClassVar[tuple[type[Message], ...]] = (
+        *(MissionRequest, MissionOrder, MissionCancel),
+        PlanRequest,
+    )
     parameters = Parameters
+    launched_with = ("world",)
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
-        self._tokens, self._filled_at = self.p.at_once, 0.0  # token bucket
+        self._rations = Rations(self.p.a_second, self.p.at_once)
+        """Of requests, by identity; without keys all have one, since a name proves nothing."""
         self._number = self._left_out = 0
-        self._mission = 0  # the last goal that was accepted
-        self._waits = False  # for the reply to a query
+        self._goals = Goals(self.memory)
+        self._cancels: set[int] = set()  # the missions that clients are cancelling
+        self._waits: _Drive | None = None  # for the reply to a query; one at a time
+        self._passed_on = False  # whether a mission agent has it, and it cannot be taken back
+        self._after: Callable[[int | None], None] | None = None
+        """It is taken back: called with the number of the mission that it has led to, or 0; None:
+        nobody has answered."""
         self._tools: dict[str, Callable[[AssistantRequest, Any, Question], AssistantReply | None]]
         self._tools = {
             "goto": self._goto,
@@ -68,21 +189,114 @@ class Assistant(Agent):
             "stop": self._stop,
             "resume": self._resume,
         }
+        self.clock: Callable[[], datetime] = lambda: datetime.now().astimezone()
+        """Returns the local time, for the policy's hours and the log."""
+        self._policy, self._misread = NO_POLICY, ""  # why the policy cannot be used
+        self._load()
+        self._approvals = approvals.Approvals(under=self._policy.hash)
+        self._book = Book(
+            self.p.log,
+            self._approvals,
+            by=self.instance,
+            hears=lambda: self._is_new,
+            stamp=lambda: self.clock().isoformat(timespec="milliseconds"),
+            publish=self.publish,
+            log=self.log,
+        )
+        self._taken: dict[str, deque[float]] = {}  # when goals were taken, s, by section
+        self._ready: deque[_Drive] = deque()  # to begin: approved, or the robot is not known yet
+        self._told: list[_Told] = []  # who has approved something, and waits for what becomes of it
+        self._going: tuple[str, ...] | None = None  # rooms that what is passed on may go through
+        self._near = 0  # messages in a row that show something too near
+        self._cancelling = 0  # the mission that is being cancelled; 0: none
+        self._unanswered = 0  # cancellations in a row
+        self._to_go_m, self._started = inf, 0.0
+        self._driven_at = inf  # s; since when something is driven for a client, as far as is seen
+        self._other_at = -inf  # s; when another assistant last published its policy
+        self._ended = 0  # the last mission whose end was noted
+
+    def _load(self) -> None:
+        """Read the policy. What is wrong with it is kept: nothing is allowed then."""
+        try:
+            world = load_world(self.p.world) if self.p.world and self.p.policy else None
+            if self.p.policy:
+                self._policy = load(find("policies", self.p.policy), world)
+        except ConfigError as error:
+            self._misread = f"the policy cannot be used, so nothing is allowed: {error}"
+
+    @property
+    def _fault(self) -> str:
+        """Why nothing is allowed; "" if that is not so."""
+        return self._misread or self._book.fault
+
+    def on_start(self) -> None:
+        self._started = self.now
+        if (known := self.memory.newest(Ledger)) is not None:  # before this adds to the log
+            self.on_ledger(known)
+        if self._fault:
+            self.log(line(self._fault), ERROR)
+        self._book.write("started", by=self.instance, why=self.p.policy or "no policy")
+        if self.p.policy and self.identity.rights is None:
+            self.log(UNPROVED, WARNING)
+        self.on_wakeup()
+
+    def on_wakeup(self) -> None:
+        """End approvals that are over; look at the clock; publish what waits for people."""
+        self.wake_at(self.now + LOOK_S)
+        self._begin_next()
+        self._tell()
+        for ended in self._approvals.expire(self.now):
+            self._book.write_of(ended.request, "not approved", ended.over)
+        if (driven := self._driven) is not None:
+            trajectory, rules = driven
+            self._driven_at = min(self._driven_at, self.now)
+            if why := self._lapsed or rules.closed(self.clock()):
+                self._end(trajectory, why)
+        waiting = tuple(each.shown(self.now) for each in self._approvals.waiting)
+        self.publish(Approvals(waiting, line(self._fault or self.p.policy)))
+        self._book.publish()
+
+    # Requests ------------------------------------------------------------------------------------
 
     def on_assistant_request(
         self, request: AssistantRequest, question: Question
     ) -> AssistantReply | None:
-        """Execute the request, or refuse it with the reason. A stop ignores the rate limit."""
-        if request.tool != "stop" and not self._within_rate():
+        """Execute the request, or refuse it with the reason.
+
+        A stop ignores the rate limit, and so does the cancellation of what the client wants.
+        With keys a client is known by its identity. What it calls itself is only shown.
+        """
+        if question.asker:
+            request = replace(request, by=question.asker, called=request.by)
+        if request.tool == APPROVAL:
+            return self._poll(request)
+        within = self._rations.take(question.asker, self.now)
+        if not (within or request.tool == "stop" or self._ends_own(request)):
             self._left_out = next_count(self._left_out)
             often = f"{self.p.a_second:g} a second, after {self.p.at_once:g} at once"
             return AssistantReply(refusal=f"too many requests: {often}; ask again later")
         reply = self._answer(request, question)
-        if reply is not None and (request.tool != "stop" or self._within_rate()):
+        if reply is not None and within:
             self._note(request, reply)
         elif reply is not None:
             self._left_out = next_count(self._left_out)
         return reply
+
+    def _ends_own(self, request: AssistantRequest) -> bool:
+        """Whether a request cancels something of its client's that no one cancels yet."""
+        if request.tool != "cancel":
+            return False
+        try:
+            number = int(msgspec.json.decode(request.text, type=Numbered).number or "0")
+        except msgspec.DecodeError:
+            return False
+        driven = self._goals.driven_for(request)
+        if driven not in (0, *self._cancels) and number in (0, driven):
+            return True
+        wants = [each.request.by for each in self._ready]
+        wants += [each.request.by for each in self._approvals.waiting]
+        wants += [self._waits.request.by] if self._waits and self._after is None else []
+        return not number and request.by in wants
 
     def _answer(self, request: AssistantRequest, question: Question) -> AssistantReply | None:
         tool = TOOLS.get(request.tool)
@@ -94,22 +308,122 @@ class Assistant(Agent):
             if tool.name != "stop":
                 return AssistantReply(refusal=line(f"{tool.name}: {error}"))
             args = Because()  # a stop is not refused for its arguments
+        if tool.name != "stop":
+            forbidden = self._fault or self._beside or self._rules(request).forbids(tool.name)
+            if forbidden:
+                return AssistantReply(refusal=line(forbidden))
         do = self._tools.get(tool.name)
         return AssistantReply() if do is None else do(request, args, question)
-
-    def _within_rate(self) -> bool:
-        """Take a token from the bucket; return whether there was one."""
-        since, self._filled_at = self.now - self._filled_at, self.now
-        self._tokens = min(self._tokens + self.p.a_second * max(since, 0.0), self.p.at_once)
-        if self._tokens < 1.0:
-            return False
-        self._tokens -= 1.0
-        return True
 
     def _note(self, request: AssistantRequest, reply: AssistantReply) -> None:
         self._number = next_count(self._number)
         self.publish(AssistantRecord(self._number, request, reply, self._left_out))
+        left_out = f"; {self._left_out} more before it were too many" if self._left_out else ""
         self._left_out = 0
+        what = "refused" if reply.refusal else "waits" if reply.approval else "allowed"
+        self._book.write_of(request, what, (reply.refusal or reply.text) + left_out, reply.mission)
+
+    def on_ledger(self, ledger: Ledger) -> None:
+        """Compare the log with what the others remember of it."""
+        self._book.hear(ledger)
+
+    # Approvals -----------------------------------------------------------------------------------
+
+    def _poll(self, request: AssistantRequest) -> AssistantReply:
+        """What has become of a request that waits for a person; the server asks each second."""
+        try:
+            number = int(msgspec.json.decode(request.text, type=Numbered).number or "0")
+        except msgspec.DecodeError as error:
+            return AssistantReply(refusal=line(f"{APPROVAL}: {error}"))
+        return self._approvals.poll(number, request.by, self.now)
+
+    def on_approval_answer(self, answer: ApprovalAnswer, question: Question) -> Answered | None:
+        """A person has answered: do the request, if it is the first answer and in time.
+
+        The reply to a yes waits for what becomes of the request.
+        """
+        by = known_as(question.asker, answer.by)
+        if answer.choice is Choice.FORGET:
+            reply, go = self._approvals.forget(answer.code), False
+        else:
+            reply, go = self._approvals.answer(answer.code, answer.choice, by, self.now)
+        what = f"{answer.choice} to {answer.code}: {reply.refusal or reply.text}"
+        self._book.write("a person's answer", by=by, why=what)
+        self.log(line(f"{by or 'a person'} answers {what}"))
+        if answer.choice is Choice.FORGET:  # the log may have more of them than count now
+            self._book.write(FORGOTTEN, by=by, text=answer.code)
+        if not go:
+            return reply
+        waiting = self._approvals.of(answer.code)
+        if answer.choice is Choice.ALWAYS:
+            new = self._approvals.allow_always(waiting)
+            self._book.write(ALWAYS, by=new.by, why=msgspec.json.encode(new).decode())
+            reply = Answered(f"{reply.text}, and always for this place")
+        self._told.append(_Told(waiting, question, reply.text, self.now))
+        waiting.go(waiting)
+        return None
+
+    def _tell(self) -> None:
+        """Tell those who have approved a request what became of it."""
+        told, self._told = self._told, []
+        for each in told:
+            outcome = each.waiting.outcome
+            if outcome is not None and outcome.refusal:
+                reply = Answered(
+                    refusal=line(f"{each.text}; but it is not done: {outcome.refusal}")
+                )
+            elif outcome is not None:
+                reply = Answered(line(f"{each.text}; {outcome.text}"))
+            elif self.now - each.at >= TELL_S:
+                reply = Answered(line(f"{each.text}; it has not begun yet: its client is told"))
+            else:
+                self._told.append(each)
+                continue
+            self.answer(each.question, reply)
+
+    def _ask_a_person(self, drive: _Drive, why: str) -> bool:
+        """Let a request wait for a person; return whether it does, or is refused."""
+        self._book.end_hearing()
+        goal, request = drive.goal, drive.request
+        waiting = approvals.Waiting(
+            number=self.rng.getrandbits(63) or 1,
+            request=request,
+            section=drive.rules.name,
+            place="" if goal is None else f"({goal.x:.2f}, {goal.y:.2f})",
+            goal=None if goal is None else (goal.x, goal.y),
+            why=why,
+            rooms=drive.rooms,
+            go=partial(self._approved, drive),
+            at=self.now,
+            seen_at=self.now,
+        )
+        if self._approvals.always(waiting):
+            return False
+        waiting.why = line(why + self._approvals.why_not(waiting))
+        self._waits = None
+        if refusal := self._approvals.add(waiting):
+            self._finish(drive, AssistantReply(refusal=refusal))
+        else:
+            waits = self._approvals.poll(waiting.number, request.by, self.now)
+            how = f"armadico approve yes {waiting.code}"
+            self.log(line(f"{BY}: {request.asker} asks for {request.tool} {request.text}: `{how}`"))
+            self._finish(drive, waits)
+        return True
+
+    def _approved(self, drive: _Drive, waiting: approvals.Waiting) -> None:
+        """Do a request that a person has approved: all other rules count as they are now."""
+
+        def deliver(outcome: AssistantReply) -> None:
+            waiting.outcome = outcome
+            self._tell()
+
+        self._ready.append(dataclasses.replace(drive, deliver=deliver, approved=waiting))
+        self._begin_next()
+
+    def _begin_next(self) -> None:
+        """Begin the next request that waits, once none is being answered and it can be judged."""
+        if self._ready and not self._waits and not self._learns_for(self._ready[0]):
+            self._begin(self._ready.popleft())
 
     # Tools ---------------------------------------------------------------------------------------
 
@@ -117,7 +431,9 @@ class Assistant(Agent):
         before = self.stopped
         if before is not None:
             return AssistantReply(text=line(f"it is stopped already, by {before.requester}"))
-        self.latch(line(f"{_by(request)}{f', {args.reason}' if args.reason else ''}")[:LONGEST_BY])
+        self.latch(
+            line(f"{by_name(request)}{f', {args.reason}' if args.reason else ''}")[:LONGEST_BY]
+        )
         return AssistantReply(text="the stop is published; `where` says when the robot has it")
 
     def _resume(
@@ -131,16 +447,19 @@ class Assistant(Agent):
             return AssistantReply(text="the robot is not stopped")
         how = f"armadico resume --confirm {stop.code}"
         because = f", because {args.reason}" if args.reason else ""
-        asks = f"{_by(request)} asks for the release of the stop by {stop.requester}{because}"
+        asks = f"{by_name(request)} asks for the release of the stop by {stop.requester}{because}"
         self.log(f"{asks}: a person types `{how}`", WARNING)
         return AssistantReply(text=line(f"nothing is released: a person has to type `{how}`"))
 
     def _goto(
         self, request: AssistantRequest, args: Goal, question: Question
     ) -> AssistantReply | None:
-        goal = Waypoint(args.x, args.y, wrap(radians(args.heading)))
-        going = MissionRequest(goal, replaces=self._mission)
-        return self._pass_on(request, question, going)
+        if args.x is None or args.y is None:
+            what = f"no place {args.place!r} is known" if args.place else "give a place, or x and y"
+            return AssistantReply(refusal=line(f"goto: {what}"))
+        goal = Waypoint(args.x, args.y, wrap(radians(args.heading or 0.0)))
+        self._begin(self._drive(request, question, goal))
+        return None
 
     def _order(
         self, request: AssistantRequest, args: Named, question: Question
@@ -152,62 +471,374 @@ class Assistant(Agent):
             mission = load_mission(args.name)
         except ConfigError as error:
             return AssistantReply(refusal=line(str(error)))
-        number = self.rng.getrandbits(63) or 1
-        order = mission.order(0.0, _by(request)).numbered(number)
-        return self._pass_on(request, question, order)
+        self._begin(self._drive(request, question, mission=mission))
+        return None
+
+    def _drive(
+        self,
+        request: AssistantRequest,
+        question: Question,
+        goal: Waypoint | None = None,
+        mission: Mission | None = None,
+    ) -> _Drive:
+        return _Drive(request, self._rules(request), partial(self.answer, question), goal, mission)
 
     def _cancel(
         self, request: AssistantRequest, args: Numbered, question: Question
     ) -> AssistantReply | None:
-        boards = (each for each in self.memory.all() if isinstance(each, Errands))
-        ordered = (each for board in boards for each in board.errands)
-        found = next((each for each in ordered if str(each.number) == args.number), None)
-        if found is None:
-            return AssistantReply(refusal=f"no mission {args.number} on the board")
-        if not found.by.startswith(BY):
-            return AssistantReply(
-                refusal=line(f"{found.name} was ordered by {found.by or 'people'}")
-            )
-        cancel = MissionCancel(found.number, _by(request))
-        return self._pass_on(request, question, cancel, even_stopped=True)
+        """Cancel a mission on the board, or a goal.
 
-    def _pass_on(
-        self,
-        request: AssistantRequest,
-        question: Question,
-        query: MissionRequest | Order | MissionCancel,
-        *,
-        even_stopped: bool = False,
-    ) -> AssistantReply | None:
-        """Send the query to a mission agent. Only one query is under way at a time."""
-        stop = self.stopped
-        # A goal accepted now would set the robot in motion when the stop is released.
-        if stop is not None and not even_stopped:
-            return AssistantReply(refusal=line(f"the robot is stopped by {stop.requester}"))
-        if self._waits:
-            return AssistantReply(refusal="one request is being answered; ask again later")
-        self._waits = True
+        Without a number it is all that the client wants: its goal, and what has not begun yet.
+        """
+        by = request.by
+        taken = False if args.number else self._take_back(by)
+        waits = None if args.number else self._waits
+        if waits is not None and waits.request.by == by:
+            if self._after is not None:
+                return AssistantReply(refusal=BUSY)
+
+            def after(number: int | None) -> None:
+                found = self._goals.lose(request) if number is None else number
+                if found := found or self._goals.driven_for(request):
+                    self._cancel_mission(request, found, question)
+                else:
+                    why = LOST if number is None else "it was refused meanwhile"
+                    self._note(request, AssistantReply(refusal=why))
+                    self.answer(question, AssistantReply(refusal=why))
+
+            self._after = after
+            return None
+        mine = self._goals.of(request)
+        if taken and not self._goals.driven_for(request):
+            return AssistantReply("it is cancelled: it had not begun")
+        number = int(args.number or mine)
+        if number == 0:
+            return AssistantReply(refusal="no goal of yours is known")
+        if number != mine:
+            found = next((each for each in self._goals.listed() if each.number == number), None)
+            if found is None:
+                return AssistantReply(refusal=f"no mission {number} on the board, or goal of yours")
+            if found.by != by_name(request):
+                by = found.by or "people"
+                return AssistantReply(refusal=line(f"{found.name} was ordered by {by}"))
+        if number in self._cancels:
+            return AssistantReply(refusal=BUSY)
+        self._cancel_mission(request, number, question)
+        return None
+
+    def _cancel_mission(
+        self, request: AssistantRequest, number: int, question: Question | None
+    ) -> None:
+        """Send a cancellation. It does not wait for the goals of others that are planned."""
+
+        def finish(outcome: AssistantReply) -> None:
+            self._note(request, outcome)
+            if question is not None:
+                self.answer(question, outcome)
 
         def on_reply(reply: MissionReply | None) -> None:
-            self._waits = False
+            self._cancels.discard(number)
+            refusal = NOBODY if reply is None else reply.refusal
+            done = AssistantReply("it is cancelled", mission=0 if reply is None else reply.mission)
+            finish(AssistantReply(refusal=refusal) if refusal else done)
+
+        self._cancels.add(number)
+        self._note(request, AssistantReply("it is passed on"))
+        self.query(MissionCancel(number, by_name(request)), on_reply, self.p.planning_s)
+
+    def _take_back(self, by: str) -> bool:
+        """End what a client wants and no mission agent has yet; return whether there was any."""
+        taken = [drive for drive in self._ready if drive.request.by == by]
+        self._ready = deque(drive for drive in self._ready if drive.request.by != by)
+        waits = self._waits
+        if waits is not None and not self._passed_on and waits.request.by == by:
+            self._waits = None  # its plan is not waited for any more
+            taken.append(waits)
+        for drive in taken:
+            self._finish(drive, AssistantReply(refusal=TAKEN_BACK))
+        waiting = [each for each in self._approvals.waiting if each.request.by == by]
+        for each in waiting:
+            self._approvals.end(each, TAKEN_BACK)
+            self._book.write_of(each.request, "not approved", TAKEN_BACK)
+        return bool(taken or waiting)
+
+    # What sets the robot in motion ---------------------------------------------------------------
+
+    def _begin(self, drive: _Drive) -> None:
+        """Judge a request by the rules, have its path planned, let it wait, and pass it on."""
+        if self._learns_for(drive) and not self._ready:
+            self._ready.append(drive)
+            return
+        refusal = BUSY if self._learns_for(drive) else self._refusal(drive)
+        if refusal:
+            self._finish(drive, AssistantReply(refusal=line(refusal)))
+            return
+        self._waits, self._passed_on = drive, False
+        goal, pose, needed = drive.goal, self.fresh(Pose), drive.rules.needs_path
+        # Nobody is asked for a goal that cannot be reached.
+        asks = drive.approved is None and self._asks(drive)
+        if goal is None or not (needed or asks) or pose is None:
+            self._planned(drive, None)
+            return
+
+        def planned(plan: Plan | None) -> None:
+            if self._waits is not drive:
+                return  # it was taken back
+            if plan is None and not needed:  # the mission agent may do without a planner
+                self._planned(drive, None)
+            elif plan is None or plan.refusal or not plan.waypoints:
+                why = "no path planning agent answered" if plan is None else plan.refusal
+                self._give_up(drive, why or "there is no path")
+            else:
+                self._planned(drive, plan)
+
+        self.query(
+            PlanRequest(Waypoint(pose.x, pose.y, pose.theta), goal), planned, self.p.planning_s
+        )
+
+    def _refusal(self, drive: _Drive) -> str:
+        """Why a request is refused before its path is known; "" if it is not."""
+        rules = drive.rules
+        if why := self._barred(rules):
+            return why
+        if self._waits:
+            return BUSY
+        most, taken = rules.section.goals_an_hour, self._taken.setdefault(rules.name, deque())
+        while taken and self.now - taken[0] >= HOUR_S:
+            taken.popleft()
+        if most is not None and len(taken) >= most:
+            return f"the policy ({rules.name}) has {most} goals an hour, and they are used up"
+        goal = () if drive.goal is None else ((drive.goal.x, drive.goal.y),)
+        unbound = "" if drive.mission is None else rules.unbound(drive.mission.does)
+        if unbound or drive.goal is None:
+            return unbound
+        return self._scene.refusal(rules, goal, "the goal", legs=False)
+
+    def _barred(self, rules: Rules) -> str:
+        """Why nothing may be begun now; "" if it may. It may change while a path is planned."""
+        stop = self.stopped
+        # A goal accepted now would set the robot in motion when the stop is released.
+        if stop is not None:
+            return f"the robot is stopped by {stop.requester}"
+        return self._fault or rules.closed(self.clock())
+
+    def _planned(self, drive: _Drive, plan: Plan | None) -> None:
+        """Judge the path; let the request wait for a person if it needs one."""
+        path = () if plan is None else tuple((at.x, at.y) for at in plan.waypoints)
+        rules = drive.rules
+        bad = "" if plan is None else self._scene.refusal(rules, path)
+        if why := self._barred(rules) or bad:
+            self._give_up(drive, why)
+            return
+        rooms = self._scene.rooms_to_ask(rules, path) if path and rules.asks else ()
+        rooms = tuple(rules.asks) if drive.mission is not None and self._asks(drive) else rooms
+        drive = dataclasses.replace(drive, rooms=rooms)
+        if self._lacks_approval(drive):
+            return
+        by, section = by_name(drive.request), rules.section
+        terms = None if rules is NO_POLICY.default else Terms(by, section.v_max, self.name)
+        self._taken.setdefault(rules.name, deque()).append(self.now)
+        self._note(drive.request, AssistantReply("it is passed on"))
+        if drive.goal is not None:
+            mine = self._goals.of(drive.request)
+            going = MissionRequest(drive.goal, replaces=mine, terms=terms, by=by)
+            self._pass_on(drive, going)
+            return
+        assert drive.mission is not None, "a goal or a mission"
+        order = drive.mission.order(0.0, by).numbered(self.rng.getrandbits(63) or 1)
+        if isinstance(order, MissionOrder):
+            order = replace(order, terms=terms)
+        self._pass_on(drive, order)
+
+    def _lacks_approval(self, drive: _Drive) -> bool:
+        """Let a request wait if it needs a person's yes, and has none; return whether it ended."""
+        why = f"the way leads through {', '.join(drive.rooms)}" if drive.rooms else ""
+        why = f"the policy asks for each {drive.request.tool}" if self._asks(drive) else why
+        if not why:
+            return False
+        if drive.approved is None:
+            return self._ask_a_person(drive, line(why))
+        more = [room for room in drive.rooms if room not in drive.approved.rooms]
+        if more:
+            why = f"the way leads through {', '.join(more)} now, which nobody has approved"
+            self._give_up(drive, why)
+        return bool(more)
+
+    def _asks(self, drive: _Drive) -> bool:
+        return drive.rules.asks_for(drive.request.tool)
+
+    def _give_up(self, drive: _Drive, why: str) -> None:
+        """Refuse the request that is being answered."""
+        self._waits = None
+        self._finish(drive, AssistantReply(refusal=line(why)))
+
+    def _finish(self, drive: _Drive, outcome: AssistantReply) -> None:
+        self._note(drive.request, outcome)
+        drive.deliver(outcome)
+
+    def _pass_on(self, drive: _Drive, query: Order) -> None:
+        """Send the query to a mission agent. Only one query is under way at a time."""
+        self._waits, self._passed_on = drive, True
+        request, self._going = drive.request, drive.rooms
+        self._goals.begin(request)
+
+        def on_reply(reply: MissionReply | None) -> None:
+            self._waits, self._going = None, None
+            after, self._after = self._after, None
             if reply is None:
-                outcome = AssistantReply(refusal="no agent that takes missions has answered")
-                withdrawal = query.withdrawal() if isinstance(query, Order) else None
+                outcome = AssistantReply(refusal=NOBODY)
+                withdrawal = query.withdrawal()
                 if withdrawal is not None:  # a hung agent would begin it later
                     self.query(withdrawal, lambda _: None)
             elif reply.refusal:
                 outcome = AssistantReply(refusal=reply.refusal)
             else:
+                self._goals.allow(reply.mission, drive.rooms)
                 if isinstance(query, MissionRequest):
-                    self._mission = reply.mission
+                    self._goals.accept(request.by, reply.mission)
                 outcome = AssistantReply("it is taken on", mission=reply.mission)
-            self._note(request, outcome)
-            self.answer(question, outcome)
+            if after is not None:
+                lost = reply is None and isinstance(query, MissionRequest)
+                after(None if lost else outcome.mission)
+                outcome = outcome if outcome.refusal else AssistantReply(refusal=TAKEN_BACK)
+            self._finish(drive, outcome)
 
-        self._note(request, AssistantReply("it is passed on"))
         self.query(query, on_reply, self.p.planning_s)
-        return None
 
+    # The drive -----------------------------------------------------------------------------------
 
-def _by(request: AssistantRequest) -> str:
-    return line(f"{BY}: {request.by or 'a program'}")[:LONGEST_BY]
+    @property
+    def _scene(self) -> Scene:
+        body = self.latest(Description)
+        known = self.fresh(Pose), self.fresh(RobotState), self.fresh(Obstacles)
+        return Scene(body, *known, to_go_m=self._to_go_m)
+
+    @property
+    def _learns(self) -> bool:
+        """Whether this agent has started and has not received yet what it needs."""
+        return bool(self._scene.unknown) and self._is_new
+
+    @property
+    def _is_new(self) -> bool:
+        return self.now - self._started < LEARN_S
+
+    def _learns_for(self, drive: _Drive) -> bool:
+        """The same, of what it needs to judge a goal, or an approval for always."""
+        lacks = drive.goal is not None and bool(self._scene.lacks(drive.rules))
+        return self._is_new and (lacks or bool(self._approvals.unproved))
+
+    def _rules(self, request: AssistantRequest) -> Rules:
+        """The rules of the client that asks."""
+        return self._policy.of(client_in(by_name(request)))
+
+    def _rules_of(self, trajectory: Trajectory) -> Rules | None:
+        """The rules of the client that a path is driven for; None: for none of them."""
+        terms = trajectory.terms
+        if terms is None or terms.guard != self.name or not trajectory.waypoints:
+            return None
+        return self._policy.of(client_in(terms.by))
+
+    @property
+    def _driven(self) -> tuple[Trajectory, Rules] | None:
+        """The path that is driven for a client now, and the client's rules."""
+        trajectory = self.memory.newest(Trajectory)
+        rules = None if trajectory is None else self._rules_of(trajectory)
+        return None if trajectory is None or rules is None else (trajectory, rules)
+
+    @property
+    def _lapsed(self) -> str:
+        """Why this agent can watch no mission, so that each one ends; "" if it can.
+
+        An agent that came back without its policy does not know what the mission has to keep,
+        unless another one is alive that does.
+        """
+        heard = self.now - self._driven_at >= BESIDE_S  # enough to hear of another one
+        unknown = self._policy is NO_POLICY and heard and not self._beside
+        return self._fault or (UNKNOWN if unknown else "")
+
+    @property
+    def _beside(self) -> str:
+        """Why another assistant agent answers and watches; "" if none with a policy is alive.
+
+        Two are alive at the same time where the network was divided, until one has left.
+        """
+        there = self._policy is NO_POLICY and self.now - self._other_at < BESIDE_S
+        return BESIDE if there else ""
+
+    def on_approvals(self, approvals: Approvals) -> None:
+        """Note that another assistant agent has a policy."""
+        if approvals.policy:
+            self._other_at = self.now
+
+    def on_trajectory(self, trajectory: Trajectory) -> None:
+        """Judge each path that is driven for a client, also one that was planned under way."""
+        if (cancel := self._goals.found(trajectory)) is not None:
+            self._cancel_mission(cancel, trajectory.mission, None)
+        rules = self._rules_of(trajectory)
+        if rules is None:
+            self._near, self._unanswered, self._driven_at = 0, 0, inf
+            return
+        self._driven_at = min(self._driven_at, self.now)
+        if self._learns and not self._lapsed:
+            return
+        path = [(at.x, at.y) for at in trajectory.waypoints[trajectory.leg :]]
+        why = self._lapsed or self._scene.strays(rules, path) or self._unapproved(trajectory, rules)
+        if why:
+            self._end(trajectory, why)
+
+    def _unapproved(self, trajectory: Trajectory, rules: Rules) -> str:
+        """Why a path lacks a person's approval; "" if it does not."""
+        if not rules.asks or self._scene.unknown:
+            return self._scene.unknown if rules.asks else ""
+        path = [(at.x, at.y) for at in trajectory.waypoints[trajectory.leg :]]
+        allowed = self._goals.allowed(trajectory, self._going or ())
+        more = [room for room in self._scene.rooms_to_ask(rules, path) if room not in allowed]
+        return f"the way leads through {', '.join(more)}, which nobody has approved" if more else ""
+
+    def on_pose(self, pose: Pose) -> None:  # noqa: ARG002 - the scene has it
+        """End a mission before the robot leaves the area; begin a goal that waited for a pose."""
+        self._begin_next()
+        driven = self._driven
+        if driven is None or self._learns:
+            return
+        trajectory, rules = driven
+        if why := self._scene.left(rules):
+            self._end(trajectory, why)
+
+    def on_obstacles(self, obstacles: Obstacles) -> None:  # noqa: ARG002 - the scene has them
+        """End a mission if something that may be a person is too near, and not an echo."""
+        driven = self._driven
+        why = "" if driven is None else self._scene.crowded(driven[1])
+        self._near = self._near + 1 if why else 0
+        if driven is not None and self._near >= TOO_NEAR:
+            self._end(driven[0], why)
+
+    def on_mission_status(self, status: MissionStatus) -> None:
+        """Note how a client's mission ended."""
+        self._to_go_m = status.to_go if status.state is MissionState.DRIVING else inf
+        ended = status.state in (MissionState.REACHED, MissionState.FAILED)
+        by = self._goals.client_of(status.mission)
+        if ended and by is not None and status.mission != self._ended:
+            self._ended = status.mission
+            self._book.write(status.outcome, by, why=status.note, mission=status.mission)
+
+    def _end(self, trajectory: Trajectory, why: str) -> None:
+        """Cancel the mission that is driven for a client, because it would leave the policy."""
+        if self._cancelling:
+            return
+        self._cancelling = number = self._goals.number_of(trajectory)
+        client = client_in(orderer(trajectory))
+        if self._unanswered == 0:
+            self.log(line(f"the mission for {client} is cancelled: {why}"), WARNING)
+            self._book.write("cancelled", client, why=why, mission=number)
+
+        def on_reply(reply: MissionReply | None) -> None:
+            self._cancelling = 0
+            self._unanswered += 1
+            failed = reply is None or bool(reply.refusal)
+            if failed and self._unanswered >= CANCELS and self.stopped is None:
+                self._unanswered = 0
+                self.latch(line(f"{BY}: nobody cancels: {why}")[:LONGEST_BY])
+
+        cancel = MissionCancel(number, line(f"the policy: {why}")[:LABEL])
+        self.query(cancel, on_reply, CANCEL_S)

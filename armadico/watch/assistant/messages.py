@@ -2,8 +2,17 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from armadico.core.messages import Bits64, Counter, Label, Message, Name, Text
 from armadico.core.services import event, query
+
+
+def known_as(identity: str, called: str) -> str:
+    """Return an identity for people, with what it calls itself; without one that alone."""
+    if not identity or called in ("", identity):
+        return identity or called
+    return f"{identity} (calls itself {called})"
 
 
 class AssistantRequest(Message, frozen=True):
@@ -11,7 +20,15 @@ class AssistantRequest(Message, frozen=True):
 
     tool: Name
     text: Text = "{}"
-    by: Label = ""  # the program's name for itself
+    by: Label = ""  # the program's name for itself; in records its identity, if it has one
+    called: Label = ""  # in records of a program with an identity: its name for itself
+
+    appended: ClassVar[int] = 1
+
+    @property
+    def asker(self) -> str:
+        """The program, for people."""
+        return known_as(self.by, self.called) or "a program"
 
 
 class AssistantReply(Message, frozen=True):
@@ -20,6 +37,9 @@ class AssistantReply(Message, frozen=True):
     text: Text = ""
     refusal: Text = ""
     mission: Bits64 = 0  # that it led to; 0: none
+    approval: Bits64 = 0  # it waits for a person, and is asked for by this number; 0: it does not
+
+    appended: ClassVar[int] = 1
 
 
 class AssistantRecord(Message, frozen=True):
@@ -35,5 +55,11 @@ class AssistantRecord(Message, frozen=True):
     left_out: Counter = 0
 
 
-query(AssistantRequest, "assistant/request", AssistantReply, "a program requests something")
+query(
+    AssistantRequest,
+    "assistant/request",
+    AssistantReply,
+    "a program requests something",
+    named=True,
+)
 event(AssistantRecord, "assistant/record", "a program's request and its result")

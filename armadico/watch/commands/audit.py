@@ -6,27 +6,26 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
-from armadico.cli.options import FailedError, UsageError
+from armadico.cli.options import UsageError
 from armadico.cli.parsing import FILE, Command, argument, flag, group, option, several
 from armadico.core.judgement import Answer, Judgement, all_of
 from armadico.mesh.topology import default_namespace
 from armadico.observe.audit.promises import Finding, Promise
+from armadico.observe.pauses import PAUSE_S
 from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
+    from armadico.core.messages import Card
     from armadico.observe.audit.auditor import Auditor
     from armadico.watch.recordings import Past
 
 TICK_S: Final = 0.1
 """Time without a message is judged so often, s."""
-
-GAP_S: Final = 2.0
-"""Nothing was received for so long, s: a gap, in which nothing is judged."""
 
 MEGABYTE: Final = 1_000_000
 
@@ -79,10 +78,13 @@ def run(args: Options) -> int:
     if (world := options.world_of(args.world)) is not None:
         auditor.chart(world.outlines, world)
     audit = _Audit(auditor, loud=not args.json)
-    if args.file is None:
-        _live(args, audit)
-    else:
-        _recorded(args, args.file, audit)
+    try:
+        if args.file is None:
+            _live(args, audit)
+        else:
+            _recorded(args, args.file, audit)
+    except options.BROKEN as error:  # its exit code would be that of a broken promise
+        audit.unread.append(str(error))
     return audit.conclude()
 
 
@@ -97,6 +99,7 @@ class _Audit:
         self.auditor = auditor
         self.unread: list[str] = []  # why something was not judged at all
         self.notes: list[str] = []  # what else its reader must know
+        self._cards: dict[str, Card] = {}
         self._loud = loud
         self._began: float | None = None
         self._at = self._heard = 0.0
@@ -115,18 +118,19 @@ class _Audit:
             self._print()
 
     def learn(self, message: object) -> None:
-        """Take the map that an agent's card names."""
+        """Take the map that an agent's card names, and what decides who drives."""
         from armadico.core.messages import Card
         from armadico.observe.audit.live import learn
 
         if isinstance(message, Card):
             learn(self.auditor, message)
+            self._cards[message.instance] = message
 
     def tick(self, at: float) -> None:
         """Judge that time has passed."""
         self._began = at if self._began is None else self._began
         at -= self._began
-        if at - self._heard > GAP_S:
+        if at - self._heard > PAUSE_S:  # in it nothing is judged
             self.unread.append(f"nothing was received from {self._heard:.1f} to {at:.1f} s")
             self._at = self._heard = at
         while self._at + TICK_S <= at:
@@ -148,8 +152,17 @@ class _Audit:
 
     def conclude(self) -> int:
         """Print the verdict on each promise; return the exit code."""
+        from armadico.core.mechanisms import deciding
+        from armadico.core.messages import BALLOTS
+
+        mechanisms = deciding(self._cards.values())
+        if {*mechanisms} - {BALLOTS}:
+            self.notes.append(
+                f"{', '.join(mechanisms)} decided who drives; the promises on ballots are about its"
+                " arbiter, if it has one"
+            )
         self.unread += self.auditor.doubts
-        verdicts = [self._whole(each) for each in _by_promise(self.auditor.report())]
+        verdicts = _by_promise(self.auditor.report(next(iter(self.unread), "")))
         tested = [each for each in verdicts if each.occasion]
         judged = [Judgement(each.answer, each.text) for each in tested]
         if not tested:
@@ -189,14 +202,6 @@ class _Audit:
         sums = [*words, (NO_OCCASION, without)]
         print(f"\n{', '.join(f'{word} {count}' for word, count in sums)}")
         return verdict.exit_code
-
-    def _whole(self, verdict: Finding) -> Finding:
-        """What was kept as far as it was judged is unknown if something was not judged."""
-        if verdict.answer is not Answer.YES or not self.unread:
-            return verdict
-        why, *_ = self.unread[0].partition(";")
-        what = f"kept as far as was judged: {why}"
-        return replace(verdict, what=what, answer=Answer.UNKNOWN)
 
 
 _WORDS: Final = {Answer.NO: "broken", Answer.YES: "kept", Answer.UNKNOWN: "not checked"}
@@ -241,18 +246,20 @@ def _rank(verdict: Finding) -> tuple[bool, int]:
 
 def _recorded(args: Options, file: Path, audit: _Audit) -> None:
     options.need("mcap", "record")
-    from armadico.watch.recordings import Past, RecordingError
+    from armadico.watch.recordings import Past, RecordingError, UnreadError
 
     try:
         past = Past(file, options.reporter("armadico audit"))
         past.check()
         _read(args, past, audit)
+    except UnreadError as error:
+        audit.unread.append(str(error))
     except RecordingError as error:
         raise UsageError(str(error)) from None
 
 
 def _read(args: Options, past: Past, audit: _Audit) -> None:
-    """Judge a recording. Raises UsageError if it holds several robots, FailedError without one."""
+    """Judge a recording. Raises UsageError if it holds several robots, or not the one named."""
     from armadico.core.messages import PROTOCOL
     from armadico.watch.recorder import REFUSED
 
@@ -273,12 +280,14 @@ def _read(args: Options, past: Past, audit: _Audit) -> None:
     if not args.mesh.namespace and others:
         names = ", ".join(sorted({namespace, *others}))
         raise UsageError(f"{past.path} holds {names}; name one robot: --namespace NS")
-    if not rows:
-        of = f" of {args.mesh.namespace!r}" if args.mesh.namespace else ""
-        raise FailedError(f"{past.path} holds no messages{of}")
+    if not rows and others:
+        names = ", ".join(sorted(others))
+        raise UsageError(f"{past.path} holds no messages of {namespace!r}; --namespace: {names}")
     audit.unread += past.damage
+    if not rows:
+        audit.unread.append(f"{past.path} holds no messages")
     if (protocol := past.about["protocol"]) != str(PROTOCOL):
-        audit.notes.append(
+        audit.unread.append(
             f"recorded with protocol {protocol}, whose keys do not name who published a claim, a"
             " stop or a path: that they are of whom they say was not checked"
         )
@@ -373,7 +382,7 @@ main: Final = Command(
     "Judge by its messages whether a robot's society keeps its promises, such as: a goal that is"
     " reported as reached is reached. Each promise is broken, kept, or was not checked, with the"
     " reason, or it had no occasion: if no mission failed, none failed without a cause. The exit"
-    " code is 1 if one was broken, else 3 if one was not checked since messages are missing, else"
-    " 0.",
+    " code is 1 if one was broken, else 3 if one was not checked, since messages are missing or"
+    " there is no society, else 0.",
     EXAMPLES,
 )

@@ -36,7 +36,8 @@ def run(args: Options) -> int:
     if not found.agents:
         raise AbsentError("no agent is alive", args.mesh.namespace)
     _write(args, found)
-    return 0
+    silent = [name for (name, _), card in cards.items() if card is None]
+    return options.answered([*silent, *args.mesh.lacks(cards)], "keys")
 
 
 def _write(args: Options, found: Graph) -> None:
@@ -136,6 +137,6 @@ main: Final = Command(
     Options,
     run,
     "Draw agents and keys, from the cards of the alive agents. The edges of a query lead from the"
-    " client to the server.",
+    " client to the server. The exit code is 3 if an agent did not answer: its edges are missing.",
     EXAMPLES,
 )

@@ -21,7 +21,7 @@ from armadico.watch.beside import STARTING, Helpers
 from armadico.watch.screen import has_screen
 
 if TYPE_CHECKING:
-    from armadico.config.worlds import World
+    from armadico.config.named import Gazetteer
     from armadico.mesh.base import Mesh
     from armadico.observe.findings import Demand
     from armadico.watch.page.guard import Guard
@@ -43,7 +43,9 @@ EXAMPLES: Final = """\
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    world: str | None = option("draw the walls of this world (default: none)", metavar="MAP")
+    world: str | None = option(
+        "draw the walls of this world (default: of the society that runs here)", metavar="MAP"
+    )
     port: int = options.port_option(PORT)
     bind: str = options.bind_option("all machines that have the token")
     token: str | None = option(
@@ -58,7 +60,7 @@ class Options:
 
 def run(args: Options) -> int:
     meshes = args.mesh.join_each(PAGE, starts=args.starting)
-    world = options.world_of(args.world)
+    places = options.gazetteer(args.world, meshes[0].namespace)
     guard = _guard(args, closed=any(mesh.closed for mesh in meshes))
     options.end_as_by_ctrl_c()
     from armadico.watch.page.server import Server, ServerError
@@ -68,7 +70,7 @@ def run(args: Options) -> int:
             stack.enter_context(mesh)
         helpers = stack.enter_context(Helpers(args.mesh))
         demands = [args.mesh.of(mesh.namespace).demand() for mesh in meshes]
-        session = made(meshes, world, helpers.start, demands)
+        session = made(meshes, places, helpers.start, demands)
         try:
             server = stack.enter_context(Server(session, guard, args.bind, args.port))
         except ServerError as error:
@@ -86,16 +88,18 @@ def run(args: Options) -> int:
 
 
 def made(
-    meshes: Sequence[Mesh], world: World | None, start: Spawns, demands: Sequence[Demand]
+    meshes: Sequence[Mesh], places: Gazetteer | None, start: Spawns, demands: Sequence[Demand]
 ) -> Session:
     """A session for robots with open meshes; `start` starts the teleop agent."""
     from armadico.watch.page.model import Robot
     from armadico.watch.page.session import Session
     from armadico.watch.slot import BY_HAND
 
-    helpers = BY_HAND.besides
+    helpers, world = BY_HAND.besides, None if places is None else places.world
     robots = {
-        m.namespace: Robot(m.namespace, world, partial(secrets.randbits, 63), helpers, demand)
+        m.namespace: Robot(
+            m.namespace, world, partial(secrets.randbits, 63), helpers, demand, places
+        )
         for m, demand in zip(meshes, demands, strict=True)
     }
     return Session(robots, meshes, start)

@@ -66,7 +66,7 @@ def run(args: Options) -> int:
         for mesh in meshes:
             stack.enter_context(mesh)
         try:
-            messages = _record(args, meshes)
+            messages, lost = _record(args, meshes)
         except FileExistsError as error:
             raise FailedError(
                 f"{error.filename} exists already; name another file, or use --force"
@@ -76,6 +76,8 @@ def run(args: Options) -> int:
         missing = [mesh.missing for mesh in meshes if not mesh.wait_joined(0.0)]
     if missing or not messages:
         raise UnknownError("; ".join(missing) or "nothing was received: no agent is alive")
+    if lost:
+        raise UnknownError(f"{lost} messages were lost: this computer is overloaded")
     return 0
 
 
@@ -130,8 +132,8 @@ def _mapped(start: Start) -> str | None:
     return None if start.scenario is None or unmapped(start.scenario) else start.world
 
 
-def _record(args: Options, meshes: Sequence[ZenohMesh]) -> int:
-    """Record until it ends; return the number of messages."""
+def _record(args: Options, meshes: Sequence[ZenohMesh]) -> tuple[int, int]:
+    """Record until it ends; return the numbers of messages, and of those that were lost."""
     from armadico.observe.translators import translators
     from armadico.observe.watching import Watcher
     from armadico.watch.recorder import Recording, record
@@ -157,7 +159,7 @@ def _record(args: Options, meshes: Sequence[ZenohMesh]) -> int:
             recording.add(item)
         recording.close()
     _say(f"{_remark(recording, watcher, begun)}; closed")
-    return recording.messages
+    return recording.messages, watcher.dropped
 
 
 def _shower(args: Options, watcher: Watcher, begun: float) -> Callable[[Recording], None]:

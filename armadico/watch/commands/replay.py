@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import json
 import os
 import time
@@ -14,6 +13,7 @@ from heapq import merge
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from armadico.child import collect_seldom
 from armadico.cli import options
 from armadico.cli.options import UsageError
 from armadico.cli.parsing import FILE, Command, argument, at_least, flag, more_than, option, several
@@ -26,9 +26,6 @@ if TYPE_CHECKING:
 
 WORTH: Final = 4_000_000
 """Bytes of journals from which several processes are used: each takes a second to start."""
-
-SELDOM: Final = 100_000
-"""Threshold of the garbage collector, which then hardly ever runs."""
 
 EXAMPLES: Final = """\
   armadico run sc4 --record run.mcap && armadico replay run.mcap
@@ -147,9 +144,7 @@ def _sets(args: Options, journals: Sequence[Journal]) -> dict[str, tuple[str, ..
 def _one(item: tuple[Journal, tuple[str, ...]]) -> Outcome:
     from armadico.watch.replay import replayed
 
-    gc.collect()
-    gc.freeze()
-    gc.set_threshold(SELDOM)  # agents create few cycles; collecting took a tenth of the time
+    collect_seldom()
     return replayed(*item)
 
 

@@ -88,6 +88,8 @@ class Snapshots:
         view = self.view
         return {
             "namespace": self._namespace,
+            "connected": view.state_is_fresh(now),
+            "silent_s": None if view.state_at is None else round(now - view.state_at, 1),
             "robot": described.robot(view),
             "pose": described.pose(view, now),
             "slam": described.slam(view, now),
@@ -199,6 +201,8 @@ def _heading(snapshot: Section) -> str:
     robot, where = snapshot["robot"], f"{snapshot['namespace']}: {len(snapshot['agents'])} agents"
     if robot is None:
         return f"{where}, no message from a robot"
+    if not snapshot["connected"]:
+        where += f", no message from the robot for {snapshot['silent_s']:.1f} s; before that"
     turn = math.degrees(robot["w"])
     words = [where, robot["speed"], f"{turn:.0f} deg/s", robot["battery"]]
     pose = snapshot["pose"]

@@ -9,18 +9,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
-from armadico.cli.options import FailedError, UsageError
+from armadico.cli.options import FailedError, UnknownError, UsageError
 from armadico.cli.parsing import FILE, Command, Must, argument, flag, group, option
-from armadico.core.discovery import providers
+from armadico.core.discovery import REHEARSALS, installed, providers
 from armadico.mesh.topology import default_namespace
 from armadico.observe.findings import Demand, Finding, Sort, short, sight
 from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
     from armadico.core.messages import BidRecord
+    from armadico.observe.journeys import Journey
     from armadico.observe.standing import Standing
     from armadico.observe.view import View
-    from armadico.watch.explained import Answer, Event, Summary
+    from armadico.watch.explained import Answer, Event, Moment, Summary
     from armadico.watch.recordings import Past, Row
     from armadico.watch.why import Chronicle
 
@@ -41,6 +42,7 @@ MOST_LISTED: Final = 30
 
 EXAMPLES: Final = """\
   armadico why --live                        which agent drives now, and the others' bids
+  armadico why --live --for 60               also how a drive meanwhile differed from its rehearsal
   armadico why --live --standing             why the robot stands, down to the missing agent
   armadico why run.mcap                      summary of a recording
   armadico why run.mcap --at 12.5            12.5 s after its first message
@@ -135,7 +137,7 @@ def _live(args: Options) -> tuple[Answer, list[str], int]:
     with robot.joined() as mesh:
         chronicle = Chronicle(demand=demand)
         observer = Observer(mesh, demand, chronicle)
-        chronicle.begin(observer.now)
+        chronicle.begin(began := observer.now)
         findings = observer.settle(args.for_s, max(args.for_s, MOST_S))
         if not chronicle.view.alive:
             raise AbsentError("no agent is alive", robot.namespace)
@@ -148,8 +150,17 @@ def _live(args: Options) -> tuple[Answer, list[str], int]:
         chronicle.mark(now)
         observer.take(LATER_S)
     chronicle.finish()
-    moment = chronicle.moments[0]
+    moment = with_drives(chronicle, robot.namespace, began)
     return moment, _beside(moment.cause, findings), sight(findings)
+
+
+def with_drives(chronicle: Chronicle, namespace: str, began: float) -> Moment:
+    """The marked moment, and how the drives that have ended differed from their rehearsals."""
+    from msgspec.structs import replace
+
+    (moment,) = chronicle.moments
+    drives = rehearsed(chronicle.journeys.done, namespace, began)
+    return replace(moment, sentences=(*moment.sentences, *drives))
 
 
 # A recording --------------------------------------------------------------------------------------
@@ -228,24 +239,28 @@ def _read(args: Options, past: Past, again: Bids) -> Answer:
         return found or standing(chronicle.view, t, demand)
     if at is not None:
         return chronicle.moments[0]
-    return _event(args, chronicle) or _summary(chronicle, t)
+    began = 0.0 if first is None else first / 1e9
+    return _event(args, chronicle) or _summary(chronicle, t, namespace or "", began)
 
 
 def _event(args: Options, chronicle: Chronicle) -> Event | None:
     """The event that was asked for; None: none was. Raises FailedError if there is no such one."""
     resource = args.resource or WHEELS
     exchanges = [each for each in chronicle.exchanges if each.resource == resource]
-    asked: tuple[tuple[str, int | None, Sequence[Event]], ...] = (
-        ("collision", args.collision, chronicle.collisions),
-        ("stop", args.stop, chronicle.presses),
-        (f"exchange of {resource}", args.exchange, exchanges),
+    asked: tuple[tuple[str, str, int | None, Sequence[Event]], ...] = (
+        ("collision", "", args.collision, chronicle.collisions),
+        ("stop", "", args.stop, chronicle.presses),
+        ("exchange", f" of {resource}", args.exchange, exchanges),
     )
-    for what, number, found in asked:
+    for what, of, number, found in asked:
         if number is not None:
             one = next((each for each in found if each.number == number), None)
-            if one is None:
-                raise FailedError(f"no {what} {number}: the recording has {len(found) or 'none'}")
-            return one
+            if one is not None:
+                return one
+            if why := chronicle.uncounted(what, resource):
+                known = f"{len(found) or 'none'} known, and {why}"
+                raise UnknownError(f"{what}{of} {number}: unknown whether there was one: {known}")
+            raise FailedError(f"no {what}{of} {number}: the recording has {len(found) or 'none'}")
     return None
 
 
@@ -293,17 +308,42 @@ def _beside(cause: Finding | None, findings: Sequence[Finding]) -> list[str]:
     return [*actions, *short(findings, () if cause is None else ((cause.sort, cause.who),))]
 
 
-def _summary(chronicle: Chronicle, ends: float) -> Summary:
-    """A recording with a line for each event."""
+def rehearsed(journeys: Sequence[Journey], namespace: str, began: float) -> list[str]:
+    """How drives differed from their rehearsals, if these are known here.
+
+    `began` is when the drives' times begin, s since 1970.
+    """
+    from armadico.observe.journeys import compared
+
+    offered = installed(REHEARSALS).get("told")
+    if offered is None:
+        return []
+    told = offered.load()
+    found = []
+    for one in journeys:
+        what = told(namespace, one.start, one.goal[:2], one.world, began + one.began)
+        found += [] if what is None else [compared(one, what)]
+    return found
+
+
+def _summary(chronicle: Chronicle, ends: float, namespace: str, began: float) -> Summary:
+    """A recording with a line for each event; it began at `began`, s since 1970."""
+    from armadico.core.mechanisms import deciding
+    from armadico.core.membership import agent_of
+    from armadico.core.messages import BALLOTS
     from armadico.observe.standing import standing
-    from armadico.observe.view import agent_of
     from armadico.watch.explained import Summary
 
     last = standing(chronicle.view, ends, chronicle.demand)
     exchanges, presses, collisions = chronicle.exchanges, chronicle.presses, chronicle.collisions
     counted = {"exchange": len(exchanges), "stop": len(presses), "collision": len(collisions)}
-    totals = [f"{number} {what}{'s' * (number != 1)}" for what, number in counted.items()]
+    unknown = chronicle.unknown
+    totals = [_total(what, number, exact=what not in unknown) for what, number in counted.items()]
+    mechanisms = deciding(chronicle.view.cards.values())
     lines = [f"{ends:.1f} s, {', '.join(totals)}."]
+    lines += [f"Not all {what}s are known: {why}." for what, why in unknown.items()]
+    if {*mechanisms} - {BALLOTS}:
+        lines.append(f"What decided who drives: {', '.join(mechanisms)}.")
     for each in exchanges[:MOST_LISTED]:
         of = "" if each.resource == WHEELS else f" of {each.resource}"
         agents = f"{agent_of(each.loser)} -> {agent_of(each.winner)}"
@@ -313,17 +353,27 @@ def _summary(chronicle: Chronicle, ends: float) -> Summary:
     lines += [f"{each.t:8.2f} s  stop {each.number}: by {each.by}" for each in presses]
     lines += [f"{each.t:8.2f} s  collision {each.number}: {each.cause.what}" for each in collisions]
     lines += chronicle.drives.sentences(MOST_LISTED)
+    lines += rehearsed(chronicle.journeys.done, namespace, began)
     lines += ["At its end:", *last.sentences]
     return Summary(
         round(ends, 3),
-        exchanges,
-        presses,
-        collisions,
+        exchanges if exchanges or "exchange" not in unknown else None,
+        presses if presses or "stop" not in unknown else None,
+        collisions if collisions or "collision" not in unknown else None,
         chronicle.drives.drives,
         chronicle.drives.unobeyed,
         last,
         tuple(lines),
+        chronicle.journeys.done,
+        mechanisms,
+        unknown,
     )
+
+
+def _total(what: str, number: int, *, exact: bool) -> str:
+    if exact or number:
+        return f"{'' if exact else 'at least '}{number} {what}{'s' * (number != 1)}"
+    return f"{what}s unknown"
 
 
 main: Final = Command(

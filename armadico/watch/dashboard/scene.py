@@ -14,6 +14,7 @@ import rerun as rr
 
 from armadico.config.worlds import World
 from armadico.core import messages as m
+from armadico.core.membership import agent_of
 from armadico.core.messages import Message
 from armadico.core.resources import WHEELS
 from armadico.mobile.geometry import to_world
@@ -30,7 +31,7 @@ from armadico.mobile.messages import (
 )
 from armadico.mobile.obstacles import Obstacles, Surroundings
 from armadico.mobile.scans import points_of
-from armadico.observe.view import View, agent_of
+from armadico.observe.view import View
 from armadico.watch.dashboard.canvas import Canvas
 from armadico.watch.dashboard.global_map import GlobalMap
 from armadico.watch.dashboard.local_map import LocalView, Zones

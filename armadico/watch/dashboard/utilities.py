@@ -11,8 +11,8 @@ from typing import Final
 
 import rerun as rr
 
+from armadico.core.membership import agent_of
 from armadico.core.messages import BidHistory, Claim, Cycle
-from armadico.observe.view import agent_of
 from armadico.watch.dashboard import palette
 from armadico.watch.dashboard.canvas import Canvas
 

@@ -1,4 +1,7 @@
-"""Answers of the MCP tools that only read: the state of a society as objects for JSON (sans-IO)."""
+"""Answers of the MCP tools that only read: the state of a society as objects for JSON.
+
+Of files, the one of added places alone is read, whenever places are asked for.
+"""
 
 from __future__ import annotations
 
@@ -9,16 +12,20 @@ from typing import Final
 
 import msgspec
 
-from armadico.config.worlds import Segment, World
+from armadico.config.named import Gazetteer
+from armadico.config.worlds import Segment
 from armadico.core.messages import Message
 from armadico.core.resources import WHEELS
+from armadico.mobile.messages import MissionStatus
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe import described
 from armadico.observe.described import rounded
 from armadico.observe.findings import NOTHING, Demand
-from armadico.observe.jsons import JsonObject
+from armadico.observe.jsons import Json, JsonObject
 from armadico.watch.assistant.messages import AssistantRecord
+from armadico.watch.assistant.policy.messages import Approvals
 from armadico.watch.explained import Collision, Exchange, Press
+from armadico.watch.mcp.picture import Scene, drawn
 from armadico.watch.why import Chronicle
 
 RECORDS: Final = 200  # requests of programs kept for the history
@@ -33,6 +40,8 @@ AROUND_M: Final = 5.0
 # The fields of an agent's card that are shown.
 CARD: Final = ("host", "provides", "owns", "resources", "holds")
 
+NO_WORLD: Final = "no world was named to this server (--world): only what is sensed is known"
+
 ARROWS: Final = ">^<v"
 
 LEGEND: Final = "# wall, o something that was sensed, > ^ < v the robot, G its goal; x right, y up"
@@ -43,7 +52,7 @@ class Society(Chronicle):
 
     def __init__(
         self,
-        world: World | None,
+        gazetteer: Gazetteer | None,
         missions: Mapping[str, str],
         demand: Demand = NOTHING,
         begun: float = 0.0,
@@ -51,20 +60,32 @@ class Society(Chronicle):
         """Begin without any messages.
 
         Args:
-            world: The world of the robot, or None if unknown.
+            gazetteer: The world of the robot with its named places, or None if unknown.
             missions: Titles of the missions that can be ordered, by name.
             demand: What the society should be.
             begun: See `Chronicle`.
         """
         super().__init__(demand=demand, begun=begun)
-        self._world = world
+        self.gazetteer = gazetteer
+        self._world = None if gazetteer is None else gazetteer.world
         self._missions = missions
         self._requests: deque[tuple[float, AssistantRecord]] = deque(maxlen=RECORDS)
+        self.policy = ""  # the last one that an assistant agent has published
+        self.status_at = float("-inf")  # s; when the interface agent last reported
 
     def update(self, key: str, message: Message | None, t: float) -> None:
         super().update(key, message, t)
         if isinstance(message, AssistantRecord):
             self._requests.append((t, message))
+        elif isinstance(message, Approvals):
+            self.policy = message.policy or self.policy
+        elif isinstance(message, MissionStatus):
+            self.status_at = t
+
+    def orderer(self, mission: int) -> str:
+        """Return the program that ordered a goal; empty if no known request led to it."""
+        found = (r.request.by for _, r in self._requests if r.reply.mission == mission)
+        return next(found, "")
 
     def where(self, now: float) -> JsonObject:
         """Return the robot's state, pose, mission and driver; null if it was not received.
@@ -72,8 +93,11 @@ class Society(Chronicle):
         If `connected` is false, the rest is the last report.
         """
         view = self.view
+        pose, world = view.pose, self._world
+        room = None if pose is None or world is None else world.room_at(pose.x, pose.y)
         found: JsonObject = rounded(
             {
+                "room": None if room is None else room.name,
                 "connected": view.state_is_fresh(now),
                 "robot": described.robot(view),
                 "pose": described.pose(view, now),
@@ -84,24 +108,16 @@ class Society(Chronicle):
         return found
 
     def map(self) -> JsonObject:
-        """Return the named places and a picture of the known world."""
+        """Return the size of the known world and a picture of it in letters."""
         world, pose = self._world, self.view.pose
         found: JsonObject = {}
         if world is not None:
-            rooms = {
-                room.name: [round((room.x1 + room.x2) / 2, 2), round((room.y1 + room.y2) / 2, 2)]
-                for room in world.rooms
-            }
-            goals = {
-                name: [round(x, 2), round(y, 2), round(degrees(theta), 1)]
-                for name, (x, y, theta) in (world.goals | world.docks).items()
-            }
-            found |= {"world": world.name, "rooms": rooms, "goals": goals}
+            found |= {"world": world.name}
             bounds = world.bounds
         elif pose is not None:
             around = AROUND_M
             bounds = (pose.x - around, pose.y - around, pose.x + around, pose.y + around)
-            found["note"] = "no world was named to this server (--world): only what is sensed"
+            found["note"] = NO_WORLD
         else:
             return {
                 "note": "no world was named to this server, and no pose of a robot was received"
@@ -112,6 +128,49 @@ class Society(Chronicle):
             "picture": rows,
             "legend": f"{LEGEND}; a letter is {cell:.2f} m, the last row is y {bounds[1]:.1f}",
         }
+
+    def places(self) -> JsonObject:
+        """Return the places that have names; poses in m and degrees."""
+        if self.gazetteer is None:
+            return {"places": [], "note": NO_WORLD}
+        found = []
+        for place in self.gazetteer.places:
+            turned = {} if place.heading is None else {"heading": round(degrees(place.heading), 1)}
+            at = {"x": round(place.x, 2), "y": round(place.y, 2)} | turned
+            found.append({"name": place.name, "sort": place.sort.value} | at)
+        return {"places": found}
+
+    def picture(self) -> bytes:
+        """Return the map as PNG. Raises ConfigError if the file of added places is invalid."""
+        world, view, pose = self._world, self.view, self.view.pose
+        x, y = (0.0, 0.0) if pose is None else (pose.x, pose.y)
+        around = (x - AROUND_M, y - AROUND_M, x + AROUND_M, y + AROUND_M)
+        path = view.trajectory
+        way = () if path is None else path.waypoints[path.leg :]
+        about = view.description
+        radius = 0.2 if about is None else about.half_width
+        return drawn(
+            Scene(
+                bounds=around if world is None else world.bounds,
+                walls=() if world is None else world.outlines,
+                forbidden=() if world is None else world.forbidden,
+                places=() if self.gazetteer is None else self.gazetteer.places,
+                sensed=self._sensed(),
+                way=((x, y), *((at.x, at.y) for at in way)) if way and pose is not None else (),
+                robot=None if pose is None else (pose.x, pose.y, pose.theta, radius),
+            )
+        )
+
+    def _sensed(self) -> Iterator[tuple[float, float]]:
+        """Yield the points that sensors report now, m in the world."""
+        pose = self.view.pose
+        if pose is None:
+            return
+        c, s = cos(pose.theta), sin(pose.theta)
+        for message in self.view.newest.values():
+            if isinstance(message, Obstacles):
+                for p in message.points:
+                    yield pose.x + c * p.x - s * p.y, pose.y + s * p.x + c * p.y
 
     def who(self) -> JsonObject:
         """Return the agents that are alive."""
@@ -136,9 +195,13 @@ class Society(Chronicle):
         return found
 
     def history(self, now: float, last: int) -> JsonObject:
-        """Return the last events since the start, newest last; `ago` is in s."""
+        """Return the last events since the start, newest last; `ago` is in s.
+
+        `unknown` has the kinds of events of which some may not be known, and why.
+        """
         events = sorted(self._events(), key=lambda event: event[0])[-last:]
-        return {"events": [{"ago": round(now - t, 1), "what": what} for t, what in events]}
+        found: list[Json] = [{"ago": round(now - t, 1), "what": what} for t, what in events]
+        return {"events": found, "unknown": self.unknown}
 
     def _events(self) -> Iterator[tuple[float, str]]:
         explained: list[Exchange | Press | Collision]
@@ -153,7 +216,7 @@ class Society(Chronicle):
             came = f"refused, {reply.refusal}" if reply.refusal else reply.text or "answered"
             yield (
                 t,
-                f"{request.by or 'a program'} asked: {request.tool} {request.text}: {came}{more}",
+                f"{request.asker} asked: {request.tool} {request.text}: {came}{more}",
             )
 
     # The picture ---------------------------------------------------------------------------------
@@ -175,12 +238,8 @@ class Society(Chronicle):
             for x, y in _along(wall, cell / 2):
                 put(x, y, "#")
         pose, view = self.view.pose, self.view
-        if pose is not None:
-            c, s = cos(pose.theta), sin(pose.theta)
-            for message in view.newest.values():
-                if isinstance(message, Obstacles):
-                    for p in message.points:
-                        put(pose.x + c * p.x - s * p.y, pose.y + s * p.x + c * p.y, "o")
+        for x, y in self._sensed():
+            put(x, y, "o")
         if view.trajectory is not None and view.trajectory.waypoints:
             goal = view.trajectory.waypoints[-1]
             put(goal.x, goal.y, "G")

@@ -10,13 +10,17 @@ from __future__ import annotations
 from base64 import b64encode
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
 from functools import cache
 from typing import Final, Never, cast
 
 from armadico.config.map_graphs import graph_of
+from armadico.config.named import Gazetteer
 from armadico.config.worlds import Unseen, World
+from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import PAGE
 from armadico.core.installed import loaded
+from armadico.core.membership import agent_of
 from armadico.core.messages import Message
 from armadico.core.resources import WHEELS
 from armadico.core.services import QUIET_S
@@ -28,7 +32,7 @@ from armadico.observe.findings import NOTHING, Demand
 from armadico.observe.jsons import Json, JsonObject
 from armadico.observe.page_part import Desk, Out, Part
 from armadico.observe.page_requests import Asked, Reader, Start
-from armadico.observe.view import View, agent_of
+from armadico.observe.view import View
 from armadico.watch.page.own import Goals, Parameters, Starting, StopLatch
 from armadico.watch.pictures import colour
 
@@ -60,6 +64,7 @@ class Robot:
         bits64: Callable[[], int] = lambda: 1,
         helpers: Collection[str] = (),
         demand: Demand = NOTHING,
+        gazetteer: Gazetteer | None = None,
     ) -> None:
         """Start without messages.
 
@@ -69,10 +74,12 @@ class Robot:
             bits64: Returns the random number of a stop.
             helpers: Agents that can be started beside the page if no host can start them.
             demand: What the society should be.
+            gazetteer: The places that the page offers by name.
         """
         self.namespace = namespace
         self.view = View()
         self.world = world
+        self._gazetteer = gazetteer
         self._desk = Desk(self.view, bits64)
         added = [kind(self._desk) for kind in capabilities()]
         own = (Goals(self._desk), StopLatch(self._desk), Parameters(self._desk))
@@ -170,8 +177,14 @@ class Robot:
 
     @property
     def fixed(self) -> JsonObject:
-        """The data that do not change."""
+        """The data that do not change while a browser is connected."""
         found: JsonObject = {"world": None if self.world is None else drawn(self.world)}
+        found["places"] = []
+        with suppress(ConfigError):  # a damaged file of places: `armadico places` names the line
+            found["places"] = [
+                [place.name, place.x, place.y, place.heading]
+                for place in (() if self._gazetteer is None else self._gazetteer.places)
+            ]
         for part in self._parts:
             found |= part.fixed
         return found

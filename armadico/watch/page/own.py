@@ -6,6 +6,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from math import remainder, tau
 
+from armadico.core.membership import agent_of
 from armadico.core.messages import (
     Message,
     ParameterChange,
@@ -23,7 +24,6 @@ from armadico.mobile.messages import MissionReply, MissionRequest, Waypoint
 from armadico.observe.jsons import JsonObject
 from armadico.observe.page_part import Desk, Part
 from armadico.observe.page_requests import Goto, Halt, RequestError, Resume, Start, Tune, bits
-from armadico.observe.view import agent_of
 
 
 class Goals(Part):
@@ -42,7 +42,9 @@ class Goals(Part):
             stop = ", starts when the stop is released" if self.view.stop.stopped else ""
             return f"goal accepted{stop}: {reply.length:.1f} m to go"
 
-        self.desk.query(browser, request.id, MissionRequest(goal), describe, PLANNING_S)
+        self.desk.query(
+            browser, request.id, MissionRequest(goal, by="the page"), describe, PLANNING_S
+        )
 
 
 @dataclass

@@ -7,6 +7,7 @@ or is killed; only the stick times out, and the teleop agent releases the wheels
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final, Protocol
 
@@ -15,8 +16,8 @@ import msgspec
 from armadico.core.mailbox import EVENTS
 from armadico.core.messages import Ask, Message, ParametersRequest
 from armadico.core.services import BIDS, CARD, Kind, Service, service_at, service_of
-from armadico.mesh.base import Mesh, Receiver, publish
-from armadico.observe.page_part import Answer, Publish, Put, Spawn
+from armadico.mesh.base import Mesh, Receiver, asked_on, publish
+from armadico.observe.page_part import Answer, Publish, Put, Spawn, Work
 from armadico.observe.page_requests import Asked, RequestError
 from armadico.observe.watching import EVERYTHING, QUERY_S, Received, read_or_none
 from armadico.runtime.inbox import Inbox
@@ -61,6 +62,7 @@ class Session:
         self._meshes = {mesh.namespace: mesh for mesh in meshes}
         self._time = meshes[0]
         self._spawn = spawn
+        self._working: set[str] = set()  # namespaces with work on a thread
         self._reader = reader()
         self._inbox = Inbox(meshes[0])
         self._driving: set[str] = set()  # browsers that may drive
@@ -157,6 +159,8 @@ class Session:
                         self._put(robot, self._meshes[namespace], out)
                     case Spawn():
                         self._send(out.browser, _answer(self._spawned(namespace, out)))
+                    case Work():
+                        self._work(namespace, out)
                     case Answer():
                         self._send(out.browser, _answer(out))
 
@@ -166,6 +170,28 @@ class Session:
         return Answer(
             what.browser, what.id, not fault, fault or f"{what.agent} is started beside the page"
         )
+
+    def _work(self, namespace: str, what: Work) -> None:
+        """Do it on a thread, one at a time for each robot, since it takes the spare processors."""
+        if namespace in self._working:
+            why = "another one is under way; ask again when it has ended"
+            self._send(what.browser, _answer(Answer(what.browser, what.id, False, why)))
+            return
+        self._working.add(namespace)
+
+        def run() -> None:
+            try:
+                text, more = what.run(self._meshes[namespace])
+                done = Answer(what.browser, what.id, True, text, more=more)
+            except Exception as error:
+                done = Answer(what.browser, what.id, False, str(error) or repr(error))
+            self._inbox.put(f"work {namespace}", self._worked, namespace, done)
+
+        threading.Thread(target=run, name=f"work {namespace}", daemon=True).start()
+
+    def _worked(self, namespace: str, done: Answer) -> None:
+        self._working.discard(namespace)
+        self._send(done.browser, _answer(done))
 
     def _send_changes(self, now: float) -> None:
         """Send the changed parts to each browser that is ready."""
@@ -249,12 +275,12 @@ class Session:
         def over() -> None:
             self._inbox.put(lane, robot.on_reply, put.number, None)
 
-        mesh.query(put.key, put.message, put.timeout, on_data, over)
+        mesh.query(put.key or asked_on(mesh, put.message), put.message, put.timeout, on_data, over)
 
 
 def _answer(answer: Answer) -> Mapping[str, object]:
     found = {"type": "answer", "id": answer.id, "ok": answer.ok, "text": answer.text}
-    return found | {"over": answer.over}
+    return found | {"over": answer.over, "more": answer.more}
 
 
 def _state(changed: Mapping[tuple[str, str], bytes], now: float) -> bytes:

@@ -8,9 +8,10 @@ from typing import Final, TypeVar
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.geometry import stamp_of
 from armadico.core import messages as m
+from armadico.core.membership import agent_of
 from armadico.mobile.behaviour import LOST_M
 from armadico.mobile.messages import BatteryLevel, MapGraph, MissionStatus, Pose
-from armadico.observe.view import agent_of, driver
+from armadico.observe.view import driver
 
 # Interval of battery state and diagnostics; a change of the driving agent is published immediately.
 EACH_S: Final = 1.0

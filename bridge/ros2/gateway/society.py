@@ -350,7 +350,7 @@ class Society:
         x, y, theta = compose(self._frame(frame), place)
         if max(abs(x), abs(y)) > m.LARGEST:
             raise ValueError(f"it is {math.hypot(x, y):.3g} m away, which is too far")
-        return MissionRequest(Waypoint(x, y, theta))
+        return MissionRequest(Waypoint(x, y, theta), by="ROS 2")
 
     def _frame(self, frame: str) -> Pose2:
         """The pose of a frame in the map. Raises ValueError."""

@@ -47,6 +47,8 @@ def own(stage: Solo) -> Ballot:
 
 def test_silence_is_two_cycles_and_a_third_from_the_last_claim() -> None:
     stage = contending()
+    stage.cycle(6)
+    stage.bid(0.3)
     due = stage.contender.wakeup
     assert due is not None
     assert due == pytest.approx(0.5 + 0.23)
@@ -57,6 +59,35 @@ def test_silence_is_two_cycles_and_a_third_from_the_last_claim() -> None:
     assert drawn is not None
     assert due <= drawn <= due + DRAW * PERIOD
     assert stage.contender.tick(drawn)
+
+
+def test_who_has_heard_of_no_newer_cycle_does_not_know_that_the_holder_is_silent() -> None:
+    stage = contending()
+    stage.now = 0.74
+    assert stage.tick() == []
+    assert stage.tick() == [], "and its moment was not drawn"
+    stage.cycle(8)  # those in between were lost
+    assert stage.bid(0.3) == []
+    assert stage.tick()
+
+
+@pytest.mark.parametrize(
+    "forged", [Ballot(LARGEST_COUNT, 0.9, False, "stranger-1"), Ballot(2, 0.9, False, "a-1"), None]
+)
+def test_one_ack_with_an_implausible_ballot_does_not_tell_that_nobody_is_obeyed(
+    forged: Ballot | None,
+) -> None:
+    """Else a worse bid takes over at once, and in the same cycle the holder takes it back."""
+    stage = contending()
+    ballot = Ballot(3, 0.6, False, "a-1")
+    for number in range(6, 14):
+        stage.cycle(number, largest=ballot, obeyed=ballot, obeyed_cycle=Cycle(1, number))
+        stage.receive("a-1", number, 0.6)
+        stage.bid(0.3)
+    stage.cycle(14, largest=forged)
+    stage.receive("a-1", 14, 0.6)
+    assert stage.bid(0.3) == []
+    assert stage.tick() == []
 
 
 def test_one_looks_once_a_silence_if_the_holder_is_obeyed_all_the_same() -> None:

@@ -215,3 +215,23 @@ def test_with_keys_only_what_its_author_signed_is_repeated(signed: bool) -> None
         [record] * len(given) if signed else []
     )
     assert bool(given) is signed
+
+
+@pytest.mark.parametrize(
+    ("appears", "given"), [(("goto", "goto-1"), []), (("interface", "interface-2"), [MISSION])]
+)
+def test_the_successor_of_an_author_that_is_gone_unseen_gets_its_state(
+    appears: tuple[str, str], given: list[Message]
+) -> None:
+    """Its token stays while the robot's router restarts."""
+    agent, driver, now = begun()
+    driver.token("interface", "interface-1", True, now)
+    deliver(driver, MISSION, now, "trajectory/interface-1")
+    while agent.kernel.memory.wakeup is not None:
+        now = agent.kernel.memory.wakeup
+        driver.wake(now)
+    driver.drain()
+    driver.token(*appears, True, now)
+    driver.wake(now + 0.2)
+    repeats = [item.message for item in driver.drain() if isinstance(item, Publish)]
+    assert repeats == [Repeat("trajectory/interface-1", encode(each)) for each in given]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import cbor2
@@ -29,7 +30,7 @@ from armadico.core.messages import (
     Stop,
     encode,
 )
-from armadico.core.outgoing import Publish, SendQuery
+from armadico.core.outgoing import Publish, SendQuery, Write
 from armadico.core.resources import WHEELS
 from armadico.mobile.messages import (
     MissionState,
@@ -92,6 +93,20 @@ class Hand(Agent):
 
 def state(number: int) -> RobotState:
     return RobotState(Cycle(7, number), 0, 0, 0, 0, 0, 12.5, True, False)
+
+
+def test_a_late_write_holds_no_longer_than_the_agent_has_said() -> None:
+    """The guard counts from when it has the bytes."""
+    written: list[Write] = []
+    host: Any = SimpleNamespace(
+        _devices={"robot-1": SimpleNamespace(write=written.append)},
+        _clock=lambda: 10.2,
+        _leaving=False,
+    )
+    driver: Any = SimpleNamespace(agent=SimpleNamespace(instance="robot-1"), now=10.0)
+    for holds_s in (0.25, 0.1):
+        AgentHost._write(host, driver, Write(b"v", (b"b",), True, holds_s))
+    assert [each.holds_s for each in written] == [pytest.approx(0.05), 0.0]
 
 
 def play(host: AgentHost, *steps: Callable[[], Any]) -> None:

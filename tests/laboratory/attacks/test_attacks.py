@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from armadico.bridge.p2os.commands import Cmd, quantity
-from armadico.cli.options import UsageError
+from armadico.cli.options import FAILED, UNKNOWN, UsageError
 from armadico_tools.attacks import running
 from armadico_tools.attacks.attempts import ATTEMPTS, Known
 from armadico_tools.attacks.peer import Peer
@@ -66,13 +66,31 @@ def test_a_table_has_a_column_for_each_attacker(
         Outcome("mcp", False, "stop", False),
     )
     monkeypatch.setattr(running, "run", lambda *_, **__: iter(outcomes))
-    assert attacks.main(["--keys", "--as", "sonar", "--as", "mcp", "--table"]) == 0
-    assert capsys.readouterr().out.splitlines() == [
+    assert attacks.main(["--keys", "--as", "sonar", "--as", "mcp", "--table"]) == UNKNOWN
+    printed = capsys.readouterr()
+    assert "stop: the attacker got no link, so nothing was tried" in printed.err
+    assert printed.out.splitlines() == [
         "| attack | sonar | mcp |",
         "| --- | --- | --- |",
         "| `stop` | stood 97%; robot stopped | no link |",
         "| `goal` | - | not tried |",
     ]
+
+
+@pytest.mark.parametrize(
+    ("keys", "outcomes", "code"),
+    [
+        (True, [Outcome("a stranger", True, "stop", False)], 0),
+        (True, [Outcome("a stranger", True, "stop", True)], FAILED),
+        (False, [Outcome("a stranger", True, "stop", True, ("stood 97%",))], 0),
+        (False, [Outcome("a stranger", True, "stop", False)], UNKNOWN),
+        (True, [], UNKNOWN),
+    ],
+)
+def test_an_attack_that_was_not_made_is_no_defence(
+    keys: bool, outcomes: list[Outcome], code: int
+) -> None:
+    assert attacks.judged(outcomes, keys=keys).exit_code == code
 
 
 def test_the_orders_on_the_line_are_in_effect_until_the_next() -> None:

@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from armadico.cli import pool
 from armadico.cli.options import INTERRUPTED, UsageError
 from armadico.core.config_errors import ConfigError
+from armadico_tools import series as any_series
 from armadico_tools.commands import faults
 from armadico_tools.faults import series, workload
 from armadico_tools.faults.fault_types import KINDS, Promise
@@ -44,12 +44,28 @@ def test_list_names_every_kind_and_promise(capsys: pytest.CaptureFixture[str]) -
         (["--repeat", CALM, "--scenario", "sc1"], "--scenario is not used"),
         (["--variant", "peple"], "people"),
         (["--once"], "--planted"),
+        (["--monitored"], "--planted"),
         (["--live", "--robot", "jackal"], "--robot is only for runs without --live"),
     ],
 )
 def test_what_makes_no_sense_is_refused(arguments: list[str], why: str) -> None:
     with pytest.raises(UsageError, match=why):
         faults.main(arguments)
+
+
+@pytest.mark.parametrize(
+    ("mechanisms", "why"),
+    [
+        (["auction", "damn"], "auction and damn both decide about wheels"),
+        (["contract-net"], "task-.*variant 'sonar'"),
+    ],
+)
+def test_mechanisms_that_cannot_decide_are_refused_before_the_first_seed(
+    mechanisms: list[str], why: str
+) -> None:
+    chosen = [word for name in mechanisms for word in ("--coordination", name)]
+    with pytest.raises(ConfigError, match=why):
+        faults.main(["--seeds", "1", *chosen])
 
 
 @pytest.mark.parametrize(
@@ -126,16 +142,17 @@ def test_a_violation_prints_a_command_that_repeats_it_and_exits_with_1(
     assert "MOVES broken: it stands" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_interrupted_it_keeps_and_tells_what_was_counted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    over = pool.over
+    run = any_series.run
 
-    def interrupted(function: object, items: object, *rest: object) -> object:
-        over(function, items[:1], *rest)  # type: ignore[arg-type, index]
+    def interrupted(function: Any, tasks: Any, *rest: Any) -> None:
+        run(function, tasks[:1], *rest)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(pool, "over", interrupted)
+    monkeypatch.setattr(any_series, "run", interrupted)
     arguments = ["--seeds", "9", "--minutes", "0.2", "--jobs", "1", "--out", str(tmp_path)]
     assert faults.main(arguments) == INTERRUPTED
     said = capsys.readouterr()
@@ -143,6 +160,7 @@ def test_interrupted_it_keeps_and_tells_what_was_counted(
     assert "1 seeds" in said.out
 
 
+@pytest.mark.long
 def test_a_full_disk_is_one_line(tmp_path: Path) -> None:
     (tmp_path / series.SEEDS).symlink_to("/dev/full")
     done = call("faults", "--seeds", "1", "--minutes", "0.2", "--jobs", "1", "--out", str(tmp_path))
@@ -190,6 +208,7 @@ def test_a_campaign_in_which_a_situation_never_came_to_pass_fails(
     assert faults.main([*arguments, "--kind", "hang"]) == 0
 
 
+@pytest.mark.long
 def test_planted_defects_are_kept_and_not_run_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -204,7 +223,7 @@ def test_planted_defects_are_kept_and_not_run_again(
         left.extend(tasks)
         return True
 
-    monkeypatch.setattr(series, "over", over)
+    monkeypatch.setattr(any_series, "over", over)
     faults.main([*words, "--seeds", "2"])
     assert json.loads(capsys.readouterr().out) == first
     assert [(task.seed, task.planted) for task in left] == [(2, ""), (2, "stands")]
@@ -222,7 +241,7 @@ def test_a_defect_that_was_found_is_left_out_of_further_seeds(
             done(task, Outcome(Case(task.seed, "sc1", 12.0, ()), {}, broken))
         return True
 
-    monkeypatch.setattr(series, "over", over)
+    monkeypatch.setattr(any_series, "over", over)
     words = ["--planted", "stands", "--once", "--first", "1", "--seeds", "9", "--out"]
     assert faults.main([*words, str(tmp_path)]) == 0
     assert run == [(1, ""), (1, "stands"), (2, ""), (2, "stands")]

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from armadico.cli.options import INTERRUPTED, UsageError
+from armadico.cli.options import INTERRUPTED, UNKNOWN, UsageError
 from armadico_tools.commands import model_check
 from armadico_tools.explore.identity import key
 from armadico_tools.explore.picks import Enumerator, Script
@@ -165,6 +165,17 @@ def test_the_command_counts_states(capsys: pytest.CaptureFixture[str]) -> None:
     assert printed["counterexamples"] == []
     assert printed["closed"]
     assert printed["states"] > 100
+    assert printed["judgement"]["answer"] == "yes"
+
+
+def test_runs_that_were_left_out_are_no_kept_promise(capsys: pytest.CaptureFixture[str]) -> None:
+    cut = ["--faults", "0", "--cycles", "1", "--jobs", "1"]
+    assert model_check.main([*cut, "--json"]) == UNKNOWN
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["starved_cycles"] is printed["unsettled_cycles"] is None
+    assert printed["judgement"]["answer"] == "unknown"
+    assert model_check.main(cut) == UNKNOWN
+    assert "no promise was broken" not in capsys.readouterr().out
 
 
 def test_what_was_interrupted_claims_nothing(

@@ -17,12 +17,13 @@ from armadico.bridge.simulator.plant import Plant
 from armadico.cli.options import UsageError
 from armadico.core.config_errors import ConfigError
 from armadico.core.judgement import UNKNOWN_EXIT
-from armadico_tools.command_options import over
 from armadico_tools.commands import falsify
-from armadico_tools.falsify import search, trial
+from armadico_tools.falsify import search, series, trial
 from armadico_tools.falsify.cases import SIZE, Case, loads, setting
 from armadico_tools.falsify.search import Search, smaller
 from armadico_tools.falsify.series import Ledger
+from armadico_tools.faults.contacts import Cause
+from armadico_tools.series import over
 
 AT_A_WALL = Case("pioneer-2dx", "rooms-a", 1, 8.0, (3.6, 2.2, 0.0), ((0.6, 0.0),))
 """Straight at a wall 1 m away that it faces squarely."""
@@ -90,6 +91,16 @@ def test_a_wall_that_no_sonar_hears_is_not_the_robots_fault(
     assert outcome.worth == trial.SPARED_S
 
 
+def test_a_contact_of_which_the_readings_do_not_tell_enough_does_not_pass(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    outcome = trial.Outcome(AT_A_WALL, 60, trial.SPARED_S, Cause.UNKNOWN.value)
+    monkeypatch.setattr(series, "run", lambda _: outcome)
+    assert falsify.main(["--repeat", AT_A_WALL.dumps(), "--json"]) == UNKNOWN_EXIT
+    assert json.loads(capsys.readouterr().out)["judgement"]["answer"] == "unknown"
+
+
+@pytest.mark.long
 @pytest.mark.usefixtures("without_limits")
 def test_a_small_search_finds_a_contact_goes_on_where_it_was_and_prints_a_repeatable_case(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]

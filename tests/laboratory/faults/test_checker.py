@@ -22,10 +22,20 @@ from armadico.core.messages import (
     Stop,
 )
 from armadico.core.resources import WHEELS
-from armadico.mobile.messages import Echo, MissionState, MissionStatus, Pose, Sonar, Truth
+from armadico.mobile.messages import (
+    Echo,
+    MissionState,
+    MissionStatus,
+    Pose,
+    Sonar,
+    Trajectory,
+    Truth,
+    Waypoint,
+)
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.contacts import Cause
 from armadico_tools.faults.fault_types import KINDS, Promise, voided
+from armadico_tools.faults.monitored import Monitored
 from armadico_tools.faults.observations import (
     Arrived,
     Bids,
@@ -171,15 +181,6 @@ def test_a_new_epoch_begins_anew(story: Story) -> None:
 
 
 # Fresh --------------------------------------------------------------------------------------------
-
-
-def test_a_command_for_a_cycle_long_past_is_refused_or_it_is_seen(story: Story) -> None:
-    story.cycles(10)
-    story.see(Obeyed(story.now, ballot(3), Cycle(1, story.number - 3)))
-    assert story.broken() == []
-    story.see(Obeyed(story.now, ballot(3), Cycle(1, story.number - 4)))
-    story.see(Obeyed(story.now, ballot(3), Cycle(9, story.number)))
-    assert story.broken() == [Promise.FRESH] * 2
 
 
 def test_a_robot_agent_that_obeys_what_waited_while_it_hung_is_seen(story: Story) -> None:
@@ -543,6 +544,18 @@ def test_an_agent_that_is_cut_off_from_the_robot_need_not_take_over(story: Story
     assert Promise.HANDOVER not in story.broken()
 
 
+@pytest.mark.parametrize("margin", [None, 0.0, 0.1])
+def test_agents_that_take_turns_are_steady_only_where_no_margin_keeps_them(
+    margin: float | None,
+) -> None:
+    story = Story()
+    story.checker = Checker(Bounds(margin=margin))
+    for term in range(3, 33):
+        story.ballot = ballot(term, (A, B)[term % 2])
+        story.cycles(2)
+    assert (Promise.STEADY in story.broken()) == (margin != 0.0)
+
+
 # The stop -----------------------------------------------------------------------------------------
 
 
@@ -598,6 +611,33 @@ def test_an_old_stop_that_comes_late_is_none_and_must_not_hold(story: Story) -> 
     story.see(Ordered(story.now, 0.0, 0.0))
     story.cycles(13)
     assert story.broken() == [Promise.STOP]
+
+
+def test_a_release_that_nobody_could_learn_of_is_lost_with_the_robot_agent() -> None:
+    for cut, epoch, broken in (
+        (True, 2, []),
+        (True, 1, [Promise.STOP]),  # it released the stop itself
+        (False, 2, [Promise.STOP]),
+    ):
+        story = Story()
+        old = Stop(1, True, "somebody", 7)
+        story.cycles(5)
+        story.see(Faulted(story.now, "partition", ("robot",), began=True))
+        story.publish(release := Stop(2, False, "somebody", 7))
+        story.stop = release
+        story.cycles(1)
+        if not cut:
+            story.see(Faulted(story.now, "partition", ("robot",), began=False))
+            story.cycles(1)
+        story.see(Faulted(story.now, "robot-restart", ("robot",), began=True))
+        story.stop, story.order, story.talk, story.v = old, False, False, 0.0
+        story.epoch = epoch
+        story.see(Ordered(story.now, 0.0, 0.0))
+        story.see(Faulted(story.now, "robot-restart", ("robot",), began=False))
+        if cut:
+            story.see(Faulted(story.now, "partition", ("robot",), began=False))
+        story.cycles(13)
+        assert story.broken() == broken
 
 
 def test_a_stop_that_is_forgotten(story: Story) -> None:
@@ -747,12 +787,14 @@ def test_wheels_that_are_made_to_count_wrong_may_have_a_pose_off_by_that(story: 
 
 
 def test_a_fault_takes_no_time_of_a_mission(story: Story) -> None:
+    story.publish(Trajectory(1, 1, (Waypoint(0.1, 0.0, 0.0),)))
+    story.publish(Pose(story.cycle, 0.0, 0.0, 0.0))
     story.cycles(100)
     story.see(Faulted(story.now, "delay", (A,), began=True))
     story.cycles(300)
     story.see(Faulted(story.now, "delay", (A,), began=False))
     assert story.broken() == []
-    story.cycles(200)
+    story.cycles(210)
     assert story.broken() == [Promise.ARRIVES]
 
 
@@ -782,6 +824,17 @@ def test_a_contact_counts_once_also_without_the_robot_agent(story: Story) -> Non
     story.contact = 2
     story.publish(Truth(story.now, 0, 0, 0, story.v, 0, 2, 1.0))
     assert story.broken() == [Promise.COLLISION] * 2
+
+
+def test_the_monitors_auditor_finds_by_messages_and_knows_no_truth(story: Story) -> None:
+    story.checker = Monitored()
+    story.cycles(10)
+    story.contact = 1
+    story.cycles(1)
+    assert story.broken() == []
+    story.ballot = ballot(2)
+    story.cycles(1)
+    assert Promise.ONE_DRIVER in story.broken()
 
 
 WALL = ((1.0, -2.0, 1.0, 2.0),)
@@ -857,9 +910,31 @@ def test_moving_time_is_counted_by_why_the_robot_cannot_act(story: Story) -> Non
         story.cycles(1)
         story.see(Arrived(story.now))
     assert story.checker.moving_s == pytest.approx({"": 3.0})
-    story.cycles(20)  # none does
+    story.cycles(20)  # none does, and none would have changed anything
+    assert story.checker.moving_s == pytest.approx({"": 5.0})
+    story.see(Arrived(story.now))
+    story.order = False
+    for _ in range(10):
+        story.cycles(1)
+        story.see(Ordered(story.now, 0.0, 0.0))
     waits = STOPS_S + 0.1
-    assert story.checker.moving_s == pytest.approx({"": 3.0 + waits, "serial line": 2.0 - waits})
+    assert story.checker.moving_s == pytest.approx({"": 5.0 + waits, "serial line": 1.0 - waits})
+
+
+@pytest.mark.parametrize(("v", "counts"), [(0.0, 0), (0.05, 1)])
+def test_a_lossy_line_excuses_a_contact_only_if_it_lost_the_braking(
+    story: Story, v: float, counts: int
+) -> None:
+    story.cycles(11)
+    story.see(Arrived(story.now))
+    story.see(LOSES)
+    story.order = False
+    for _ in range(6):
+        story.cycles(1)
+        story.see(Ordered(story.now, v, 0.0))
+    story.contact = 1
+    story.cycles(1)
+    assert story.broken().count(Promise.COLLISION) == counts
 
 
 @pytest.mark.parametrize(

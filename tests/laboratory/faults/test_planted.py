@@ -474,6 +474,7 @@ def test_every_promise_has_a_bug_that_breaks_it() -> None:
     assert {bug.breaks for bug in BUGS} == {*Promise}
 
 
+@pytest.mark.long
 def test_an_honest_robot_agent_lets_no_unearned_speed_through_of_a_liar(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

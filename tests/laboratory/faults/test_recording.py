@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -22,10 +24,11 @@ from armadico.core.messages import (
     encode,
 )
 from armadico.core.resources import WHEELS
-from armadico.mobile.messages import Pose
+from armadico.mobile.messages import Pose, Truth
 from armadico.observe.watching import Presence, Received
 from armadico.watch.recorder import Recording
 from armadico.watch.recordings import rows
+from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.observations import Bids, Left, Published
 from armadico_tools.faults.recording import check, observations
@@ -132,3 +135,58 @@ def test_a_takeover_may_be_recorded_before_the_last_claim(
     recording.close()
     broken = {violation.promise for violation in check(path, None, pytest.fail).violations}
     assert broken == (set() if blended else {Promise.SMOOTH})
+
+
+@pytest.mark.parametrize("keep", ["robot/state", "resource/wheels/ack", "sim/truth"])
+def test_what_a_recording_does_not_hold_is_unknown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], keep: str
+) -> None:
+    messages = {
+        "robot/state": state(1),
+        "resource/wheels/ack": ack(1, 1),
+        "sim/truth": Truth(0, 0, 0, 0, 0, 0, 0, None, "sim"),
+    }
+    recording = Recording(path := tmp_path / "blind.mcap")
+    recording.add(Received("robot1", keep, encode(messages[keep]), SECOND))
+    recording.close()
+    assert main(["faults", "--recording", str(path)]) == UNKNOWN
+    said = capsys.readouterr().out
+    for key, what in (("robot/state", "stops"), ("resource/wheels/ack", "which agent")):
+        assert (f"{what}" in said) is (key != keep)
+
+
+def test_what_a_recording_did_not_hold_for_a_while_is_unknown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def recorded(without: frozenset[int]) -> Path:
+        recording = Recording(path := tmp_path / f"{len(without)}.mcap")
+        for number in range(100):
+            messages: dict[str, Message] = {
+                "robot/state": state(number + 1),
+                "resource/wheels/ack": ack(number + 1, 1),
+            }
+            if number not in without:
+                messages["sim/truth"] = Truth(number / 10, 0.03 * number, 0, 0, 0.3, 0, 0, 1, "")
+            for key, message in messages.items():
+                at = SECOND + number * SECOND // 10
+                recording.add(Received("robot1", key, encode(message), at))
+        recording.close()
+        return path
+
+    for without, expected in ((frozenset[int](), False), (frozenset(range(30, 70)), True)):
+        main(["faults", "--recording", str(recorded(without))])
+        said = capsys.readouterr().out
+        assert ("no Truth received from 2.9 to 7.0 s" in said) is expected, said
+
+
+def test_a_recording_that_was_cut_is_not_known_to_be_sound(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def cut(path: Path, namespace: str | None, warn: Callable[[str], None]) -> Checker:
+        warn("it was cut short")
+        return check(path, namespace, warn)
+
+    monkeypatch.setattr("armadico_tools.faults.recording.check", cut)
+    path = kept(tmp_path / "cut.mcap", [1, 1, 2, 2])
+    assert main(["faults", "--recording", str(path), "--json"]) == UNKNOWN
+    assert "cut short" in json.loads(capsys.readouterr().out)["judgement"]["reason"]

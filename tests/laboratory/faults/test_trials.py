@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import csv
 import json
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
 from armadico.cli import main
+from armadico.cli.options import UNKNOWN
+from armadico_tools.faults import campaign, series
 from armadico_tools.faults.plan import Case, Outcome
 from armadico_tools.faults.series import TRIALS as ROWS
 from armadico_tools.faults.series import Line, Summary, lines
@@ -72,6 +75,18 @@ def test_without_root_the_alternative_is_named(
     printed = capsys.readouterr().err
     assert "needs root (sudo)" in printed
     assert "holder-killed" in printed
+
+
+def test_trials_that_were_left_out_are_not_passed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("os.geteuid", lambda: 1000)
+    monkeypatch.setattr(campaign, "place_for", lambda *_: nullcontext())
+    monkeypatch.setattr(campaign, "make_trials", lambda *_, **__: [])
+    monkeypatch.setattr(series, "lines", lambda *_: [Line("k", "f", "", 3, 1, 1, None, None)])
+    words = ["faults", "--live", "--out", str(tmp_path)]
+    assert main(words) == UNKNOWN
+    assert main([*words, "--kind", "holder-killed"]) == 0
 
 
 @pytest.mark.parametrize(

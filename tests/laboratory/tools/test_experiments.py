@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+from contextlib import closing
 from itertools import pairwise
 from math import hypot
 from pathlib import Path
@@ -21,7 +23,15 @@ from armadico.observe.conditions import software
 from armadico_tools.commands.experiment import main
 from armadico_tools.experiments import CELLS as CELLS_FILES
 from armadico_tools.experiments import cells, foreign_worlds, runner, tables, titles
-from armadico_tools.experiments.driving import Cell, Drive, Sample, drive, key_of, scenario_of
+from armadico_tools.experiments.driving import (
+    Cell,
+    Drive,
+    Kill,
+    Sample,
+    drive,
+    key_of,
+    scenario_of,
+)
 from armadico_tools.experiments.floor_plans import (
     PASSAGE_M,
     floor_plan,
@@ -29,9 +39,10 @@ from armadico_tools.experiments.floor_plans import (
     people,
     save,
 )
+from armadico_tools.experiments.made_worlds import DISC_M, MADE, made
 from armadico_tools.experiments.runner import Context, Experiment, Part, driven
 from armadico_tools.experiments.tables import compare
-from tests.programs import heavy, imports_nothing
+from tests.programs import call, heavy, imports_nothing
 
 SC1 = Cell("sc1 collaborative", "sc1", without=("gothrough",))
 FAST = Cell("sc1 fast", "sc1", controller="fast", without=("gothrough",))
@@ -39,7 +50,7 @@ FAST = Cell("sc1 fast", "sc1", controller="fast", without=("gothrough",))
 
 def context(folder: Path, runs: int = 1, jobs: int = 1) -> Context:
     folder.mkdir(parents=True, exist_ok=True)
-    return Context(out=folder, runs=runs, jobs=jobs, source="here")
+    return Context(out=folder, runs=runs, workers=jobs, source="here")
 
 
 def about(runs: int = 2, first_seed: int = 1000, source: str = "s") -> runner.About:
@@ -153,12 +164,17 @@ def test_a_part_knows_what_the_parts_before_it_have_found(tmp_path: Path) -> Non
 
 def test_a_folder_of_other_runs_is_moved_aside_and_more_runs_go_on(tmp_path: Path) -> None:
     folder = tmp_path / "x"
-    assert runner.claim(folder, about()) is None
+
+    def claimed(by: runner.About) -> Path | None:
+        moved, lock = runner.claim(folder, by)
+        lock.close()
+        return moved
+
+    assert claimed(about()) is None
     (folder / "runs.csv").write_text("precious", encoding="utf-8")
-    assert runner.claim(folder, about(runs=5)) is None
+    assert claimed(about(runs=5)) is None
     for number, other in enumerate((about(2), about(5, 0), about(5, 0, "t")), start=1):
-        moved = runner.claim(folder, other)
-        assert moved == tmp_path / f"x.kept-{number}"
+        assert claimed(other) == tmp_path / f"x.kept-{number}"
     assert (tmp_path / "x.kept-1" / "runs.csv").read_text(encoding="utf-8") == "precious"
     assert [path.name for path in folder.iterdir()] == ["about.json"]
 
@@ -169,6 +185,15 @@ def test_a_folder_that_no_experiment_made_is_left_alone(tmp_path: Path) -> None:
     with pytest.raises(FailedError, match=r"floors.*--out"):
         main(["floors", "--runs", "1", "--out", str(tmp_path)])
     assert [path.name for path in (tmp_path / "floors").iterdir()] == ["letter.txt"]
+
+
+def test_a_folder_in_which_another_process_runs_is_named_and_left_alone(tmp_path: Path) -> None:
+    with closing(context(tmp_path)) as first, closing(context(tmp_path, runs=2)) as second:
+        first.claim("table-5.1")
+        with pytest.raises(runner.NotOursError, match=f"another process .* in {tmp_path}"):
+            second.claim("table-5.1")
+    second.claim("table-5.1")
+    second.close()
 
 
 def test_results_come_in_the_order_of_the_items() -> None:
@@ -197,6 +222,57 @@ def test_a_robot_that_gets_nowhere_is_stuck_before_the_time_limit() -> None:
     assert sample.note == "stuck"
     assert not sample.arrived
     assert 60.0 < sample.tt_s < run.rehearsal.limit
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_a_made_world_is_the_same_again_and_can_be_driven(name: str) -> None:
+    found = made(name, 3)
+    assert found == made(name, 3) != made(name, 4)
+    assert all(passable(found.solid, *leg, DISC_M) for leg in found.legs)
+    scenario = scenario_of(Cell("x", world=name), 3)
+    assert len(scenario.moving) == len(found.unknown) + len(found.people)
+
+
+def test_a_killed_driver_is_replaced_at_once_by_ballots_and_late_by_an_arbiter() -> None:
+    killed = Cell("x", world="clutter", kill=Kill(after_s=(8.0, 9.0)))
+    ballots, auction = (
+        drive((replace(killed, coordination=name), 1)) for name in (None, "auction")
+    )
+    assert ballots.undriven_s is not None
+    assert auction.undriven_s is not None
+    assert ballots.undriven_s < 1.0 < 2.0 < auction.undriven_s  # it is started again after 2 s
+
+
+@pytest.mark.long
+def test_any_process_may_be_the_killed_one_and_the_time_without_a_command_is_known() -> None:
+    killed = Cell("x", world="clutter", kill=Kill(who="any", after_s=(8.0, 9.0)))
+    found = [drive((killed, seed)) for seed in (3, 4)]
+    assert [one.killed for one in found] == ["robot", "sonar"]
+    for one in found:  # 2 s until a new process joins, in which nothing can be obeyed or decided
+        assert one.unobeyed_s is not None
+        assert one.unobeyed_s > 2.0
+
+
+def test_a_run_that_is_over_before_the_kill_says_so() -> None:
+    late = Cell("x", "sc1", kill=Kill(after_s=(500.0, 600.0)))
+    sample = drive((late, 1))
+    assert sample.reached
+    assert sample.note == "nothing was killed"
+    assert sample.undriven_s is None
+
+
+def test_proposals_grow_with_the_bidders_and_ballots_do_not() -> None:
+    more = {}
+    for name in (None, "auction"):
+        few, many = (
+            drive((Cell("x", world="hall", bidders=n, coordination=name), 1)).messages_per_cycle
+            for n in (3, 12)
+        )
+        assert few is not None
+        assert many is not None
+        more[name] = many - few
+    assert more[None] < 1.0
+    assert more["auction"] == pytest.approx(9.0, abs=0.2)
 
 
 # Floor plans --------------------------------------------------------------------------------------
@@ -317,6 +393,32 @@ def test_the_list_has_titles_and_imports_nothing_heavy() -> None:
     assert all(found.values())
 
 
+OWN = """
+from armadico_tools.experiments.runner import Experiment, Part
+
+def doubled(of: int) -> int:
+    return 2 * of
+
+parts = (Part("numbers", doubled, lambda context: context.seeds, None),)
+OWN = Experiment(parts, lambda context: f"sum {sum(context.found['numbers'])}", title="Doubles")
+"""
+
+
+def test_another_packages_experiment_is_found_by_its_entry_point(tmp_path: Path) -> None:
+    (tmp_path / "own_doubles.py").write_text(OWN)
+    info = tmp_path / "own_doubles-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: own-doubles\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[armadico.experiments]\ndoubles = own_doubles:OWN\n")
+    env = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    assert "Of the package own-doubles" in call("experiment", "--list", env=env).stdout
+    words = ("experiment", "doubles", "--runs", "2", "--jobs", "1", "--out", str(tmp_path))
+    assert call(*words, env=env).returncode == 0
+    table = (tmp_path / "doubles" / "table.md").read_text(encoding="utf-8")
+    assert table.startswith("# Doubles\n")
+    assert "sum 4002" in table
+
+
 CELLS = """\
 title = "Two controllers"
 [[rows]]
@@ -336,9 +438,11 @@ def test_a_file_of_cells_is_an_experiment_and_runs_again_give_the_same_bytes(
     file = tmp_path / "two.toml"
     file.write_text(CELLS, encoding="utf-8")
     words = [str(file), "--runs", "1", "--jobs", "1", "--out", str(tmp_path), "--json"]
-    assert main(words) == 0
+    assert main(words) == 3
     printed = json.loads(capsys.readouterr().out)
     assert printed["title"] == "Two controllers"
+    (few,) = printed["lacking"]
+    assert "--runs 6" in few
     assert printed["cells"]["sc1 all"]["reached"] == 1
     folder = tmp_path / "two"
     assert {path.name for path in folder.iterdir()} == {
@@ -348,7 +452,7 @@ def test_a_file_of_cells_is_an_experiment_and_runs_again_give_the_same_bytes(
     }
     assert "| arrived | 1 of 1 | 1 of 1 |" in (folder / "table.md").read_text(encoding="utf-8")
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    assert main(words) == 0
+    assert main(words) == 3
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
@@ -360,6 +464,25 @@ def test_a_file_of_cells_is_an_experiment_and_runs_again_give_the_same_bytes(
         ("[[rows]]", "[[columns]]", "columns"),
         ('scenario = "sc1"', 'without = "goto"', "without"),
         ('scenario = "sc1"', 'name = "sc1"', "scenario"),
+        ('scenario = "sc1"', 'world = "cluter"', "'cluter'.*clutter"),
+        ('scenario = "sc1"', 'scenario = "sc1"\nrobots = 2', "robots = 2.*tasks"),
+        ('controller = "fast"', 'coordination = "auktion"', "sc1 fast.*auction"),
+        ('controller = "fast"', 'told = "yes"', "sc1 fast.*coordination"),
+        ('controller = "fast"', 'set = ["goto.v=1"]', "sc1 fast.*goto.*v"),
+        ('controller = "fast"', 'with = ["lier"]', "sc1 fast.*lier.*liar"),
+        ('controller = "fast"', 'kill = { whom = "goto" }', "whom.*who"),
+        ('controller = "fast"', 'kill = { who = "gotto" }', "sc1 fast.*'gotto'.*goto"),
+        ('controller = "fast"', 'kill = { who = "sonar" }\nrobot = "jackal"', "'sonar'.*laser"),
+        ('scenario = "sc1"', 'scenario = "fleet"\nrobots = 2\nkill = {}', "kill is for one robot"),
+        ('scenario = "sc1"', 'scenario = "fleet"\nrobots = 2\nbidders = 4', "bidders is for one"),
+        ('controller = "fast"', "kill = { after_s = [20, 8] }", "kill.after_s.*least first"),
+        ('controller = "fast"', 'exchange = "smoth"', "sc1 fast.*exchange.*smooth"),
+        ('controller = "fast"', 'told = "y"\ncoordination = "auction"', "sc1 fast.*told.*yes"),
+        ('controller = "fast"', 'coordination = "auction,mean"', "auction and mean both decide"),
+        ('name = "all"', 'name = ""', "arms: one has no name"),
+        ('name = "all"', 'name = "fast"', "arms.*'fast'.*a name for each"),
+        ('title = "Two', 'measures = ["time"]\ntitle = "Two', "measure.*'time'.*tt_s"),
+        ('title = "Two', 'against = "slow"\ntitle = "Two', "'slow'.*fast"),
     ],
 )
 def test_a_wrong_file_of_cells_is_refused(
@@ -370,6 +493,101 @@ def test_a_wrong_file_of_cells_is_refused(
     with pytest.raises(ConfigError, match=rf"two\.toml.*{expected}"):
         main([str(file), "--out", str(tmp_path / "results")])
     assert not (tmp_path / "results").exists()
+
+
+def made_up(cell: str, seed: int, tt_s: float, *, clean: bool = True) -> Sample:
+    touched = 0 if clean else 1
+    return Sample(cell, seed, clean, clean, 5.0, 1.0, tt_s, 99.0, 0, collisions=touched)
+
+
+def test_arms_are_compared_seed_by_seed_and_corrected_together() -> None:
+    one = [made_up("one", seed, 30.0 + seed) for seed in range(20)]
+    two = [made_up("two", seed, 33.0 + seed, clean=seed > 9) for seed in range(20)]
+    found = cells.compared({"row": {"one": one, "two": two}}, ("clean", "tt_s"), "one")
+    clean, time = found
+    assert (clean.measure, clean.pairs, clean.difference) == ("clean", 20, -0.5)
+    assert clean.p == pytest.approx(2 / 2**10)
+    assert (time.pairs, time.difference) == (10, 3.0)  # only where both arrived
+    assert [one.p_corrected for one in found] == pytest.approx([2 * clean.p] * 2)
+
+
+def test_a_comparison_without_a_pair_has_a_line_and_counts_in_no_correction() -> None:
+    one, two = ([made_up(name, seed, 30.0, clean=False) for seed in range(8)] for name in "ab")
+    clean, time = cells.compared({"row": {"a": one, "b": two}}, ("clean", "tt_s"), "a")
+    assert (time.measure, time.pairs, time.difference, time.p_corrected) == ("tt_s", 0, None, None)
+    assert clean.p == clean.p_corrected
+
+
+def test_rows_are_pooled_by_the_mean_of_each_seed_over_those_that_have_both() -> None:
+    def arms(more: float, *, clean: bool = True) -> dict[str, list[Sample]]:
+        late = [made_up("b", seed, 30.0 + more * seed, clean=clean) for seed in range(8)]
+        return {"a": [made_up("a", seed, 30.0) for seed in range(8)], "b": late}
+
+    rows = {"one": arms(1.0), "two": arms(3.0), "three": arms(9.0, clean=False)}
+    found = cells.compared(rows, ("tt_s",), "a", pooled=True)[-1]
+    assert (found.row, found.pairs) == (cells.ALL, 8)
+    assert found.mean == pytest.approx(30.0 + 2.0 * 3.5)
+    assert found.mean_against == 30.0
+
+
+def mechanisms(**contended: int | None) -> tuple[cells.Tables, dict[str, dict[str, list[Sample]]]]:
+    """A row of ballots, and of coordinations that drive the same, each contended in some cycles."""
+    of = {"ballots": Cell("ballots"), **{n: Cell(n, coordination=n) for n in contended}}
+    made = {name: [made_up(name, seed, 30.0 + seed) for seed in range(8)] for name in of}
+    for name, cycles in contended.items():
+        made[name] = [replace(one, contended=cycles) for one in made[name]]
+    return {"row": of}, {"row": made}
+
+
+def test_a_mechanism_that_had_nothing_to_decide_is_no_tie_with_ballots() -> None:
+    tables, made = mechanisms(executive=0, queue=2, auction=50, central=None)
+    made["row"]["auction"][3] = replace(made["row"]["auction"][3], tt_s=34.0)
+    silent = cells.undecided(tables, made, "ballots")
+    assert {arm for _, arm in silent} == {"executive", "queue"}
+    assert silent["row", "executive"].startswith("not contended")
+    assert "to the last digit" in silent["row", "queue"]
+    found = cells.compared(made, ("tt_s",), "ballots", pooled=True, silent=silent)
+    pairs = {(one.row, one.arm): (one.pairs, one.p) for one in found}
+    for row in ("row", cells.ALL):
+        assert pairs[row, "executive"] == pairs[row, "queue"] == (0, None)
+        assert pairs[row, "auction"][0] == 8
+    silent = cells.undecided(tables, made, "executive")
+    found = cells.compared(made, ("tt_s",), "executive", pooled=True, silent=silent)
+    assert {one.pairs for one in found} == {0}, "nor is anything compared with it"
+
+
+def test_cycles_in_which_several_agents_bid_are_counted() -> None:
+    alone = Cell("x", "sc1", coordination="auction", without=("avoid", "gothrough"))
+    assert drive((alone, 1000)).contended == 0
+    assert drive((Cell("x", world="slalom", coordination="auction"), 1000)).contended
+    assert drive((SC1, 1000)).contended is None
+
+
+@pytest.mark.long
+def test_a_mission_is_a_row_too_and_its_mechanism_says_nothing_where_nobody_contends(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "two.toml"
+    text = CELLS.replace('"sc1"', '"surveillance"').replace("controller =", "coordination =")
+    file.write_text(
+        text.replace('coordination = "fast"', 'coordination = "executive"'), encoding="utf-8"
+    )
+    words = [str(file), "--runs", "1", "--jobs", "1", "--out", str(tmp_path), "--json"]
+    assert main(words) == 3
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["cells"]["surveillance all"]["reached"] == 1
+    assert printed["lacking"][0].startswith("surveillance, fast: not contended")
+
+
+def test_a_measure_that_no_run_has_is_named_and_the_exit_code_tells_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "two.toml"
+    file.write_text('measures = ["tt_s", "undriven_s"]\nruns = 1\n' + CELLS, encoding="utf-8")
+    out = tmp_path / "results"
+    assert main([str(file), "--jobs", "1", "--json", "--out", str(out)]) == 3
+    assert "no run has the measure undriven_s" in json.loads(capsys.readouterr().out)["lacking"]
+    assert "no run has the measure undriven_s" in (out / "two" / "table.md").read_text("utf-8")
 
 
 @pytest.mark.parametrize("name", CELLS_FILES)

@@ -10,12 +10,13 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from armadico.agents.driving.avoid import REFUSED_CYCLES, Avoid, Parameters
+from armadico.agents.driving.avoid import KEEPS_S, Avoid, Parameters
 from armadico.core.agent import Identity
-from armadico.core.messages import Ack, Ballot, Point, RobotState, Stop
+from armadico.core.cycles import PERIOD
+from armadico.core.messages import Ack, Ballot, Point, RobotState, Stop, Twist
 from armadico.core.parameters import Safety
 from armadico.core.resources import WHEELS
-from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.behaviour import LOST_M, REFUSED_CYCLES
 from armadico.mobile.geometry import turning_circle
 from armadico.mobile.messages import Pose, Trajectory
 from armadico.mobile.motion import touches_at
@@ -112,6 +113,9 @@ def test_a_hand_over_takes_half_of_what_is_left_until_braking_at_most() -> None:
 def test_free_again_it_offers_the_wheels_and_then_lets_go() -> None:
     made = stage(speed=0.3)
     made.holding(points=wall(0.6, -0.4, 0.4))
+    for _ in range(round(10 * KEEPS_S)):
+        assert made.cycle()
+        assert made.bid.utility
     messages = made.cycle()
     assert [claim.utility for claim in claims(messages)] == [0.0]
     assert speeds(commands(messages)[0])[0] > 0.0  # the next holder takes over a moving robot
@@ -120,6 +124,16 @@ def test_free_again_it_offers_the_wheels_and_then_lets_go() -> None:
     assert claims(messages)[-1].utility is None
     assert not made.agent.holds(WHEELS)
     assert made.cycle() == []
+
+
+def test_what_obstructs_the_way_by_one_reading_and_not_by_the_next_keeps_it_driving() -> None:
+    """Otherwise it and goto would take the wheels in turn beside a wall."""
+    made = stage(speed=0.3)
+    made.holding(points=wall(0.6, -0.4, 0.4))
+    for cycle in range(30):
+        made.cycle(points=wall(0.6, -0.4, 0.4) if cycle % 3 == 0 else [])
+        assert made.bid.utility
+        assert made.agent.holds(WHEELS)
 
 
 def test_something_dodged_on_one_side_is_not_dodged_on_the_other_next() -> None:
@@ -240,6 +254,11 @@ def test_a_robot_at_its_goal_may_stand_still() -> None:
     assert driven_by_goto(made, 40) == {None}
 
 
+def test_a_robot_on_its_goal_that_does_not_turn_to_it_is_worked_free() -> None:
+    made = stage(drive_to((0.05, 0.0, 1.57)))
+    assert driven_by_goto(made, 23) == {None, 1.0}
+
+
 def test_a_robot_that_is_turned_to_and_fro_and_gets_nowhere_is_backed_off() -> None:
     made = stage()
     made.holding(points=wall(0.4, -0.4, 0.4))
@@ -315,6 +334,43 @@ def test_a_motion_that_the_robot_agent_refuses_is_not_tried_again_at_once() -> N
     assert any(refused)
     assert refused not in later
     assert any(any(each) for each in later), "it tries another"
+
+
+@pytest.mark.parametrize("through", ["now and then", "a part"])
+def test_a_motion_of_which_something_is_let_through_is_not_refused(through: str) -> None:
+    made = before_a_wall(0.1, 0.0)
+    made.cycle(points=wall(0.1 + OUTLINE.front + MARGIN, -0.4, 0.4))
+    v, w = made.commanded
+    assert w != 0.0
+    for n in range(4 * REFUSED_CYCLES):
+        made.number += 1
+        made.now += PERIOD
+        free = through == "now and then" and n % REFUSED_CYCLES == 0
+        part = 1.0 if free else 0.3 if through == "a part" else 0.0
+        state = RobotState(
+            *(made.at, 0.0, 0.0, 0.0, 0.0, 0.0, 12.5, True, False),
+            ordered=Twist(v, w),
+            admitted=Twist(part * v, part * w),
+            capped="" if free else "an obstacle is in the way",
+            driver=made.agent.instance,
+        )
+        made.give(state, made.ack())
+        assert isinstance(made.agent, Avoid)
+        assert not made.agent.refuses(v, w)
+
+
+def test_it_creeps_on_beside_what_is_within_the_margin() -> None:
+    """It speeds up to what it may drive there, and is not taken to go beyond."""
+    made = stage(drive_to((4.0, -1.2, 0.0)))  # the trajectory leads into the wall
+    beside = [Point(0.1 * n, -OUTLINE.half_width - 0.05) for n in range(-5, 30)]
+    made.holding(points=beside)
+    creep = made.agent.p.safety.slow
+    speeds = []
+    for share in (0.0, 0.0, 0.25, 0.5, 0.75, 1.0, 1.0):
+        made.speed = share * creep, 0.0
+        made.cycle(points=beside)
+        speeds.append(made.commanded[0])
+    assert min(speeds) > 0.5 * creep
 
 
 def test_a_robot_that_was_stopped_has_not_been_stuck() -> None:

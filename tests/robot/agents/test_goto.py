@@ -166,6 +166,14 @@ def test_at_the_goal_it_commands_rest(mode: str) -> None:
     assert speeds(commands(made.holding())[-1]) == (0.0, 0.0)
 
 
+def test_on_its_goal_with_no_room_to_turn_it_does_not_keep_the_wheels_from_others() -> None:
+    made = stage(drive_to((0.0, 0.0, 1.57)))
+    made.cycle()
+    assert (made.bid.utility, made.bid.wanted[1] > 0.0) == (1.0, True)
+    made.cycle(points=[Point(0.2, 0.18)])  # beside its front corner
+    assert (made.bid.utility, made.bid.wanted) == (Parameters().p_min, (0.0, 0.0))
+
+
 def test_the_same_mission_again_changes_nothing_a_new_one_does() -> None:
     made = stage()
     assert utility_at(made, 4.0, 0.1) == 0.6  # the corner is passed

@@ -8,6 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.agents.interface.interface import Interface, Parameters
+from armadico.agents.interface.messages import MissionCancel
 from armadico.core.agent import WARNING, Identity
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import (
@@ -895,9 +896,17 @@ def test_a_missions_rule_holds_for_plans_under_way_and_after_a_restart(desk: Des
 # Late ---------------------------------------------------------------------------------------------
 
 
-def drive(desk: Desk, seconds: float, v: float, *, by: str = "goto-1", capped: str = "") -> None:
-    """Drive on at `v` m/s; the obeyed command is of `by`."""
-    wanted = Twist(1.0 if capped else v, 0.0)
+def drive(
+    desk: Desk,
+    seconds: float,
+    v: float,
+    *,
+    by: str = "goto-1",
+    capped: str = "",
+    ordered: float = 1.0,
+) -> None:
+    """Drive on at `v` m/s; the obeyed command is of `by`, and `ordered` if it is capped."""
+    wanted = Twist(ordered if capped else v, 0.0)
     for _ in range(round(10 * seconds)):
         desk.x += 0.1 * v
         desk.number += 1
@@ -931,7 +940,7 @@ def test_a_mission_in_good_time_is_not_late(driving: Desk) -> None:
 def test_a_late_mission_says_so_under_way_with_who_delays_it(
     driving: Desk, by: str, capped: str, blamed: str
 ) -> None:
-    drive(driving, 60.0, 0.01, by=by, capped=capped)
+    drive(driving, 90.0, 0.01, by=by, capped=capped)
     status = driving.last(MissionStatus)
     assert status.state is MissionState.DRIVING
     assert status.due_s is not None
@@ -939,6 +948,43 @@ def test_a_late_mission_says_so_under_way_with_who_delays_it(
     assert "late" in status.late
     assert blamed in status.late
     assert sum(log.event == LogEvent.LATE for log in driving.all(Log)) == 1
+
+
+@pytest.mark.parametrize(("capped", "late"), [("something is sensed ahead", False), ("", True)])
+def test_a_cap_postpones_the_due_time_by_what_it_took(
+    driving: Desk, capped: str, late: bool
+) -> None:
+    drive(driving, 50.0, 0.05, capped=capped)
+    assert bool(driving.last(MissionStatus).late) == late
+
+
+@pytest.mark.parametrize(
+    ("ordered", "v", "late"),
+    [
+        pytest.param(0.08, 0.06, True, id="slow by itself"),
+        pytest.param(0.14, 0.06, False, id="slow because it heeds the cap"),
+        pytest.param(1.0, 0.06, False, id="fast"),
+    ],
+)
+def test_a_cap_spares_nothing_of_what_the_agent_itself_is_too_slow(
+    driving: Desk, ordered: float, v: float, late: bool
+) -> None:
+    drive(driving, 50.0, v, capped="something is sensed ahead", ordered=ordered)
+    assert bool(driving.last(MissionStatus).late) == late
+
+
+def test_the_one_who_ordered_a_mission_is_named_also_by_the_next_interface_agent(
+    desk: Desk,
+) -> None:
+    desk.request(MissionRequest(GOAL, (DOOR,), planned=False, by="anna"))
+    drive(desk, 60.0, 0.01)
+    status = desk.last(MissionStatus)
+    assert (status.owner, status.delay[:24]) == ("anna", "The mission of anna is 2")
+    after = Desk()
+    after.give(desk.last(Trajectory))
+    after.moved(0.0)
+    after.moved(0.0)
+    assert after.last(MissionStatus).owner == "anna"
 
 
 def test_a_stop_by_a_person_postpones_the_due_time_and_is_stated(driving: Desk) -> None:
@@ -961,3 +1007,22 @@ def test_a_mission_without_poses_goes_on_to_report_and_says_why_it_is_late(drivi
     status = driving.last(MissionStatus)
     assert status.state is MissionState.DRIVING
     assert "no pose is published" in status.late
+
+
+def test_a_cancelled_goal_ends_where_the_robot_is_without_a_stop(driving: Desk) -> None:
+    driving.moved(0.5)
+    driving.moved(0.5)
+    mission = driving.last(MissionStatus).mission
+    driving.query(MissionCancel(mission + 1, "ann"), 40)
+    driving.moved(0.6)
+    driving.moved(0.6)
+    assert driving.last(MissionStatus).state is MissionState.DRIVING, "another one's number"
+    assert driving.query(MissionCancel(mission, "ann"), 41) == MissionReply(mission)
+    status = driving.last(MissionStatus)
+    assert (status.state, status.note) == (MissionState.FAILED, "cancelled by ann")
+    assert driving.last(Trajectory).waypoints == ()
+    late = driving.query(MissionCancel(mission, "ann"), 42)
+    assert isinstance(late, MissionReply)
+    assert "ended already: failed" in late.refusal
+    again = driving.request(MissionRequest(GOAL, (DOOR,), planned=False))
+    assert driving.replies[again].refusal == "", "nothing is latched"

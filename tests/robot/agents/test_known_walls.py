@@ -264,6 +264,14 @@ def test_a_wall_is_no_farther_than_measured_for_a_while() -> None:
     assert ahead() == pytest.approx(far)
 
 
+def test_an_echo_from_farther_away_moves_no_wall_away_along_the_way() -> None:
+    """It may be of something else."""
+    known = at(HERE, sure(0.1))
+    assert explains(known, Ping(0.0, 0.0, 0.0, 1.08))
+    known.on_pose(HERE, sure(0.1))
+    assert min(o.x for o in known.points() if abs(o.y) < 0.05) == pytest.approx(1.0, abs=0.01)
+
+
 BODY = Outline(front=0.25, rear=0.25, half_width=0.2)
 
 

@@ -46,7 +46,16 @@ from armadico.core.messages import Cycle, Log, Message, RobotState, checked
 from armadico.core.outgoing import Publish
 from armadico.mobile.behaviour import LOST_M, UNSURE_M
 from armadico.mobile.geometry import Pose2, compose, relative, wrap
-from armadico.mobile.messages import Correction, Echo, InitialPose, Particles, Pose, Sonar
+from armadico.mobile.messages import (
+    Correction,
+    Echo,
+    InitialPose,
+    Particles,
+    Pose,
+    Sonar,
+    Trajectory,
+    Waypoint,
+)
 from armadico.mobile.particles import MOST, poses_of
 
 RING = load_profile("pioneer-2dx").sonar
@@ -621,22 +630,17 @@ def test_it_is_searched_for_in_named_rooms_and_elsewhere_only_if_it_began_there(
     assert ((guesses[:, 1] > 6.3) & (abs(guesses[:, 0] - 6.0) < 1.7)).any()
 
 
-def test_a_robot_that_was_carried_away_is_lost(world: str) -> None:
-    robot = settled(world)
-    confidences = [
-        robot.at(pose, motion, (0.0, 0.0, 0.0))[0].confidence
-        for pose, motion in drive((1.0, 1.5, 2.0), 100)
-    ]
-    assert 0.0 in confidences
+def test_a_robot_that_was_carried_away_is_lost_and_found_where_it_was_carried_to(
+    world: str,
+) -> None:
+    robot, confidences = settled(world), []
+    for pose, motion in drive((1.0, 1.5, 2.0), 250):
+        (correction,) = robot.at(pose, motion, (0.0, 0.0, 0.0))
+        confidences.append(correction.confidence)
+    assert 0.0 in confidences[:100]
     assert any(
         isinstance(message, Log) and "is lost" in message.text for message in robot.published
     )
-
-
-def test_it_is_found_where_it_was_carried_to(world: str) -> None:
-    robot = settled(world)
-    for pose, motion in drive((1.0, 1.5, 2.0), 250):
-        (correction,) = robot.at(pose, motion, (0.0, 0.0, 0.0))
     x, y, _ = placed(correction, robot.odometry)
     assert correction.confidence > 0.9
     assert hypot(x - pose[0], y - pose[1]) < 0.15
@@ -799,6 +803,29 @@ def test_two_places_that_fit_as_if_all_were_mapped_confirm_a_kidnapping(
     again = replace(elsewhere, pose=(3.0, 1.5, 2.0))
     robot = doubting(world, monkeypatch, elsewhere, again, None, confirm=LASER)
     assert lost_in(carried(robot, 100, (0.02, 0.0, 0.0))) == lost
+
+
+def test_a_place_that_fits_as_if_all_were_mapped_outweighs_one_beside_the_robot(
+    world: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A robot that was lifted to half a metre from a place that fits well was sure for a minute."""
+    for fit, suspects in ((0.95, True), (0.8, False)):
+        beside = replace(other(SURE, fit), stay_fit=0.7)
+        published = carried(doubting(world, monkeypatch, beside), 60, (0.02, 0.0, 0.0))
+        assert any(one.elsewhere for one in published) == suspects
+
+
+@pytest.mark.parametrize("waits", [True, False])
+def test_where_no_path_is_free_from_a_place_that_fits_badly_it_is_lost_and_turns(
+    world: str, monkeypatch: pytest.MonkeyPatch, waits: bool
+) -> None:
+    """At rest nothing else could show that the robot was lifted."""
+    robot = doubting(world, monkeypatch, None)
+    robot.agent._filter.settings = replace(Settings(), chance=1e-9)  # none contradicts it
+    goal = Waypoint(5.0, 2.0, 0.0)
+    robot.agent.kernel.receive(Trajectory(1, 1, (goal,), waits=waits), 0.0)
+    carried(robot, 12, (0.02, 0.0, 0.0))
+    assert (deviation(carried(robot, 10, (0.0, 0.0, 0.0))[-1]) > LOST_M) == waits
 
 
 def test_a_suspicion_that_a_robot_at_rest_cannot_settle_makes_it_lost(

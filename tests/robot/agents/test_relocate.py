@@ -15,13 +15,13 @@ from armadico.agents.localization.relocate import Parameters, Phase, Relocate
 from armadico.core.agent import Agent, Identity
 from armadico.core.exchange import Bid
 from armadico.core.messages import Log, Point
-from armadico.mobile.behaviour import LOST_M, SLOWEST, SURE_M_S, UNSURE_M
+from armadico.mobile.behaviour import LOST_M, REFUSED_CYCLES, SLOWEST, SURE_M_S, UNSURE_M
 from armadico.mobile.geometry import Pose2
 from armadico.mobile.messages import Echo, Particles, Pose, Sonar
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.particles import message_of
 from armadico.observe.measures import speeds
-from armadico.testing.alone import Alone, claims, commands, drive_to, wall
+from armadico.testing.alone import Alone, claims, commands, drive_to, obstacles, wall
 from tests.robot.robots import body
 
 AWAY = drive_to((4.0, 0.0, 0.0))
@@ -78,6 +78,20 @@ def test_an_uncertain_pose_caps_the_speed_and_the_cap_is_driven(off_m: float) ->
     sure = settled(Goto(Identity("goto-1")), UNSURE_M)
     assert cap_at(off_m) < sure
     assert settled(Goto(Identity("goto-1")), off_m) == pytest.approx(cap_at(off_m))
+
+
+def test_a_pose_that_is_unsure_along_the_way_alone_is_no_reason_to_drive_slowly() -> None:
+    """As in a long corridor: what is beside is where the pose says."""
+    made = stage(Goto(Identity("goto-1")), 0.0)
+    bids = []
+    for along, across in ((0.4, 0.03), (0.03, 0.4)):
+        unsure = (along**2, 0.0, 0.0, across**2, 0.0, 0.0)
+        for _ in range(60):
+            made.state()
+            made.give(obstacles(made.at), Pose(made.at, *made.pose, unsure))
+            made.speed = made.bid.wanted
+        bids.append(made.bid.wanted[0])
+    assert bids[0] > SURE_M_S * 0.5 > bids[1]
 
 
 @pytest.mark.parametrize("off_m", [UNSURE_M, 0.7 * LOST_M])
@@ -336,3 +350,20 @@ def test_particles_that_are_none_change_nothing(world: str) -> None:
     made.give(Particles(made.at, 0.0, 0.0, 0.1, b"12345"))
     made.cycle()
     assert made.bid.reason == "lost: drive on"
+
+
+@pytest.mark.parametrize("before", [(), wall(0.5, -0.4, 0.4)], ids=["free", "a wall"])
+def test_a_motion_that_the_robot_agent_refuses_is_not_insisted_on(before: list[Point]) -> None:
+    """It tries every other one: the obstacles do not show what holds the robot."""
+    made = lost()
+    made.holding()
+    made.capped = "an obstacle is in the way"
+    tried = []
+    for _ in range(5 * (REFUSED_CYCLES + 2)):
+        made.cycle(points=before)
+        tried.append(tuple((rate > 0.0) - (rate < 0.0) for rate in made.commanded))
+    left, right, on, back = (0, 1), (0, -1), (1, 0), (-1, 0)
+    assert {left, right, on, back} <= set(tried)
+    for each in (left, right, on, back):
+        first = tried.index(each)
+        assert each not in tried[first + REFUSED_CYCLES + 2 : first + 4 * REFUSED_CYCLES]

@@ -335,11 +335,18 @@ def test_what_no_map_has_is_forgotten_sooner() -> None:
 
 
 def test_what_was_touched_and_is_on_no_map_goes_on() -> None:
-    for x, stays in ((1.0, False), (5.0 - 0.21, True)):
-        ring = Ring(MAPPED)
-        ring.ping((AHEAD, None), touch=0.21, pose=(x, 0.0, 0.0))
+    for known, x, deviation, stays in (
+        (MAPPED, 1.0, 0.02, False),
+        (MAPPED, 5.0 - 0.21, 0.02, True),
+        (MAPPED, 1.0, 0.6, True),  # it may be anywhere
+        (Parameters(world="sc1"), 1.0, 0.6, False),  # a map without walls has none anywhere
+        (None, 1.0, 0.02, True),
+    ):
+        ring = Ring(known)
+        pose = x, 0.0, 0.0
+        ring.ping((AHEAD, None), touch=0.21, pose=pose, deviation=deviation)
         ring.now += 11.0
-        points = ring.ping((AHEAD, None), pose=(x, 0.0, 0.0)).points
+        points = ring.ping((AHEAD, None), pose=pose, deviation=deviation).points
         assert any(p.x == pytest.approx(0.25) and p.y == 0.0 for p in points) == stays
 
 

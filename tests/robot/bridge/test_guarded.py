@@ -8,6 +8,7 @@ import pytest
 
 from armadico.bridge.p2os.session import ZERO
 from armadico.bridge.ramps import RAMP_S, REST, Ramps
+from armadico.bridge.robot import LATE_S
 from armadico.config.profile import Limits
 from armadico.core.outgoing import EXPIRY_S
 from tests.robot.bridge.kit import PROFILE
@@ -38,6 +39,20 @@ def test_a_command_comes_with_what_brakes_it_and_is_renewed_while_it_holds() -> 
     renewed = bench.writes[written:]
     assert renewed, "a guard that hears nothing brakes"
     assert all(write.brakes == (ZERO,) for write in renewed)
+
+
+def test_no_write_holds_longer_than_the_obeyed_command() -> None:
+    """A busy agent processes its timers late, and status packets before them."""
+    bench = guarded()
+    rolls(bench, 0.3)
+    obeyed_at, written = bench.now, len(bench.writes)
+    for _ in range(3):
+        bench.let_pass(0.09)
+        bench.status(left_m_s=0.3, right_m_s=0.3)
+        held = [bench.now + write.holds_s for write in bench.writes[written:] if write.brakes]
+        written = len(bench.writes)
+        assert all(until <= obeyed_at + 0.3 + LATE_S + 0.09 for until in held)
+    assert 0.0 <= bench.writes[-1].holds_s < EXPIRY_S
 
 
 def test_at_rest_nothing_expires() -> None:

@@ -42,6 +42,7 @@ def test_its_own_tests_pass(env: dict[str, str]) -> None:
     assert done.returncode == 0, done.stdout
 
 
+@pytest.mark.long
 def test_its_profile_is_found_by_its_name_and_reaches_the_goal_of_scenario_4(
     env: dict[str, str],
 ) -> None:

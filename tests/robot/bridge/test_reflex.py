@@ -6,7 +6,7 @@ from math import cos, inf, radians, sin, tau
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -46,6 +46,7 @@ def reflex_of(measured: tuple[float, float] = (0.0, 0.0), **echoes: float) -> Re
     return reflex
 
 
+@settings(max_examples=40)
 @given(st.floats(0.15, 5.0), st.floats(0.0, 0.6))
 def test_it_stops_before_an_obstacle_ahead(away: float, v: float) -> None:
     """However often it is asked, and however fast it is told to drive."""
@@ -135,6 +136,30 @@ def test_a_wall_nearer_than_the_least_range_stays_where_it_was_heard() -> None:
         reflex.update(all_round(s3=heard, s4=heard), (x, 0.0, 0.0), (0.0, 0.0), 0.1 * step)
     assert reflex.cap(0.6, 0.0)[0] < 0.05
     assert reflex.cap(-0.1, 0.0) == (-0.1, 0.0)
+
+
+def test_what_is_first_heard_at_the_least_range_may_be_at_the_body_already() -> None:
+    reflex = reflex_of(s3=0.1, s4=0.1)
+    assert reflex.cap(0.1, 0.0) == (0.0, 0.0)
+    assert reflex.cap(0.0, 1.0) == (0.0, 0.0), "a corner would turn into it"
+
+
+def test_what_was_just_heard_stays_although_the_next_sonar_looks_through_its_place() -> None:
+    """A wall that is not square enough to the next one gives it no echo."""
+    seen = Seen(PROFILE)
+    seen.update([echo(0.5, 3)], None, ORIGIN, 0.0)
+    sonar, aside = PROFILE.ring.sonars[3], radians(PROFILE.ring.sonars[3].bearing_deg - 14.0)
+    place = sonar.x_m + 0.5 * cos(aside), sonar.y_m + 0.5 * sin(aside)  # in the next one's cone
+
+    def nearest() -> float:
+        return float(np.hypot(*(seen._echoed[:, :2] - place).T).min())
+
+    for now in (0.1, 0.3):
+        seen.update([echo(None, 4)], None, ORIGIN, now)
+        assert nearest() < 0.02
+    seen.update([echo(None, 4)], None, ORIGIN, 0.6)
+    assert nearest() > 0.04
+    assert len(seen._echoed) > 0, "the rest of its arc"
 
 
 def test_what_was_looked_through_from_elsewhere_is_approached_slowly() -> None:
@@ -358,7 +383,8 @@ def test_a_laser_that_sees_its_own_robot_does_not_hold_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("ranges", "after_s", "stays"), [(10.0, 1.0, True), (10.0, 11.0, False), (0.3, 11.0, True)]
+    ("ranges", "after_s", "stays"),
+    [(10.0, 1.0, True), (10.0, KEPT_S + 1.0, False), (0.3, KEPT_S + 1.0, True)],
 )
 def test_a_near_echo_that_a_laser_looks_through_is_forgotten_after_a_while(
     ranges: float, after_s: float, stays: bool

@@ -6,8 +6,10 @@ import json
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from armadico import cli
 from armadico.agents.driving.goto import Goto
@@ -16,8 +18,12 @@ from armadico.cli import options
 from armadico.config.loading import set_values
 from armadico.config.parameters import load_set, save
 from armadico.core.config_errors import ConfigError
+from armadico.core.driver import Driver
+from armadico.core.messages import ParametersRequest, encode
+from armadico.core.services import CARD, Service, service_of
 from armadico.launch.virtual_session import VirtualSession
 from armadico.mesh.virtual import VirtualMesh
+from armadico.observe.findings import Demand, Hosts
 
 
 class Crowd:
@@ -110,6 +116,23 @@ def test_of_several_instances_all_follow(crowd: Crowd, named: str) -> None:
     assert cli.main(["set", who, "v_max=0.4"]) == 0
     crowd.mesh.run(crowd.mesh.now + 1.0)
     assert crowd.goto.p == second.p == set_values(Goto.parameters(), ["v_max=0.4"])
+
+
+def test_an_agent_that_has_just_started_does_not_reply_for_another(
+    crowd: Crowd, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its reply comes first, and its token was not seen yet."""
+    query, kernel = VirtualSession.query, crowd.goto.kernel
+    new = replace(kernel.tune(ParametersRequest(), 0.0), instance="new-1")
+
+    def queried(session: VirtualSession, key: str, *args: Any) -> None:
+        each = args[2]
+        each(service_of(ParametersRequest).key_for(name="new", instance="new-1"), encode(new))
+        query(session, key, *args)
+
+    monkeypatch.setattr(VirtualSession, "query", queried)
+    assert cli.main(["get", "goto", "v_max"]) == 0
+    assert capsys.readouterr().out == "none\n"
 
 
 def test_of_several_agents_one_has_to_be_named(
@@ -228,3 +251,62 @@ def test_what_cannot_be_written_stays_as_it_is(
         save(path, "goto", {"v_max": 0.4})
     assert _identity(path) == before
     assert list(tmp_path.iterdir()) == [path]
+
+
+def mute(crowd: Crowd, monkeypatch: pytest.MonkeyPatch, *services: Service) -> None:
+    """Have goto receive no queries of some services."""
+    answer, goto = Driver.on_query, crowd.goto.kernel
+    keys = {each.key_for(name="goto", instance=crowd.goto.instance) for each in services}
+
+    def on_query(self: Driver, key: str, *rest: Any) -> None:
+        if self.kernel is not goto or key not in keys:
+            answer(self, key, *rest)
+
+    monkeypatch.setattr(Driver, "on_query", on_query)
+
+
+@pytest.mark.parametrize("words", ["get", "get goto", "get goto v_max", "get --json", "graph"])
+def test_what_an_agent_did_not_answer_is_unknown_and_not_left_out(
+    crowd: Crowd,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    words: str,
+) -> None:
+    crowd.add(Interface, 0)
+    assert cli.main(words.split(" ")) == 0
+    mute(crowd, monkeypatch, service_of(ParametersRequest), CARD)
+    capsys.readouterr()
+    assert cli.main(words.split(" ")) == options.UNKNOWN
+    assert "of goto: unknown, no answer" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", ["get", "graph"])
+def test_agents_that_should_be_there_are_missing_in_an_answer_of_all(
+    crowd: Crowd,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    words: str,
+) -> None:
+    here = crowd.goto.identity.host
+
+    def wanted(hosts: Hosts) -> int:
+        monkeypatch.setattr(options.Mesh, "demand", lambda _: Demand(hosts))
+        return cli.main([words])
+
+    assert wanted({here: ("goto", "avoid")}) == options.UNKNOWN
+    assert "of avoid: unknown" in capsys.readouterr().err
+    assert cli.main(["get", "goto"]) == 0, "nothing else was asked"
+    assert wanted({here: ("goto",), "lab": ("goto",)}) == options.UNKNOWN, "one of two is missing"
+    assert "of goto: unknown" in capsys.readouterr().err
+    assert wanted({here: ("goto",)}) == 0
+
+
+def test_another_program_need_not_know_parameters(
+    crowd: Crowd, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    crowd.add(Interface, 0)
+    fill = crowd.goto.fill_card
+    monkeypatch.setattr(crowd.goto, "fill_card", lambda card: replace(fill(card), version=""))
+    mute(crowd, monkeypatch, service_of(ParametersRequest))
+    assert cli.main(["get"]) == 0
+    assert "unknown" not in capsys.readouterr().err

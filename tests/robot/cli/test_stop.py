@@ -17,6 +17,7 @@ from tests.runtime_folder import fresh_folder
 pytestmark = pytest.mark.live
 
 NOT = "NOT stopped: "
+BRIEFLY = ("--timeout", "0.5")
 
 
 @pytest.fixture
@@ -41,7 +42,7 @@ def failed(done: Done, code: int) -> str:
 
 
 def test_without_a_robot(base: Path) -> None:
-    assert f"no robot agent at {base}" in failed(call("stop"), 1)
+    assert f"no robot agent at {base}" in failed(call("stop", *BRIEFLY), 1)
 
 
 def test_where_the_robot_runs_with_another_runtime_folder(
@@ -52,7 +53,7 @@ def test_where_the_robot_runs_with_another_runtime_folder(
     namespace = f"lonely-{os.getpid()}"
     with locked(lock_of(socket_of(namespace))):
         monkeypatch.setenv(RUNTIME_VARIABLE, str(base))
-        said = failed(call("stop", "--namespace", namespace), 1)
+        said = failed(call("stop", "--namespace", namespace, *BRIEFLY), 1)
     assert f"{RUNTIME_VARIABLE}={other}" in said
     assert str(os.getpid()) in said
 
@@ -69,7 +70,7 @@ def test_with_a_host_table_whose_keys_are_missing(base: Path, tmp_path: Path) ->
 
 
 def test_with_an_endpoint_where_nothing_listens(base: Path) -> None:
-    assert "tcp/127.0.0.1:9" in failed(call("stop", "--connect", "tcp/127.0.0.1:9"), 1)
+    assert "tcp/127.0.0.1:9" in failed(call("stop", "--connect", "tcp/127.0.0.1:9", *BRIEFLY), 1)
 
 
 @pytest.mark.parametrize(
@@ -81,4 +82,4 @@ def test_with_a_wrong_command_line(base: Path, words: tuple[str, ...]) -> None:
 
 def test_another_robot_of_this_computer_is_named(base: Path) -> None:
     with locked(share_of("robot2", "desk")):
-        assert "on this computer are robot2" in failed(call("stop"), 1)
+        assert "on this computer are robot2" in failed(call("stop", *BRIEFLY), 1)

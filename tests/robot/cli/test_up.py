@@ -62,6 +62,41 @@ def test_an_agent_of_the_table_that_is_not_installed_is_said_with_its_line(tmp_p
         plan("--hosts", str(table), "--host", "lab1")
 
 
+GOTO = ("--set", "goto.social.coordination=mean")
+ALL = ("--coordination", "mean")
+
+
+@pytest.mark.parametrize(
+    ("there", "chosen", "refused", "said"),
+    [
+        ('"interface"', GOTO, "wheels by different mechanisms", False),
+        ('"avoid"', GOTO, "wheels by different mechanisms", False),
+        ('"interface"', ALL, "", False),
+        ('"avoid"', ALL, "", True),
+    ],
+)
+def test_mechanisms_are_checked_as_far_as_this_host_has_the_agents_that_compete(
+    there: str,
+    chosen: tuple[str, ...],
+    refused: str,
+    said: bool,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    table = tmp_path / "lab.toml"
+    table.write_text(
+        f'[lab1]\nrouter = "tcp/127.0.0.1:7447"\n'
+        f'agents = ["robot", "goto", "gothrough"]\n[lab2]\nagents = [{there}]\n'
+    )
+    words = ("--hosts", str(table), "--host", "lab1", *chosen)
+    if refused:
+        with pytest.raises(ConfigError, match=refused):
+            plan(*words)
+    else:
+        assert plan(*words)
+    assert ("whether the agents of other hosts" in capsys.readouterr().err) == said
+
+
 @pytest.mark.live
 def test_a_host_without_the_robot_agent_says_that_it_waits_for_it(tmp_path: Path) -> None:
     table = tmp_path / "lab.toml"

@@ -30,12 +30,13 @@ def test_hosts_that_come_in_any_order_are_driven_to_the_goal_and_stay_up(
     """The run starts before all agents, behaviours before the robot, without effect."""
     name = scenario(tmp_path, SHORT)
     run = start("run", name, "--attach", "--json", *NO_PICTURE)
+    assert run.stderr is not None
+    assert any("waiting for " in line for line in run.stderr)
     hosts = ("lab2", "lab3", "lab1", "robot")
     ups = [start("up", name, "--host", host) for host in hosts]
     out, errors = run.communicate(timeout=2 * SOON)
     assert run.returncode == 0, errors
     assert json.loads(out)["reached"]
-    assert "waiting for " in errors
     for process, host in zip(ups, hosts, strict=True):
         wait_for_line(process, f"{host} is up")
         assert process.poll() is None

@@ -141,7 +141,8 @@ def test_without_faults_nothing_is_requested(scenario: Scenario) -> None:
 def test_an_agent_that_dies_or_hangs_is_restarted_once_and_the_mission_continues(
     name: str, fault: str
 ) -> None:
-    society = Society(TWO, SC4, seed=2).let_pass(6.0)
+    scenario = SC4 if name == "localization" else DRIVEN
+    society = Society(TWO, scenario, seed=2).let_pass(6.0)
     FAULTS[fault](society.mesh.node(name))
     society.back(name, BACK_S[fault])
     society.let_pass(12.0)
@@ -158,7 +159,6 @@ def test_only_the_agent_that_stops_publishing_is_restarted() -> None:
     assert "encoder/pose" in society.notes[0]
     society.let_pass(15.0)
     assert society.more() == {"encoder": 1}, "the others only lacked the pose"
-    assert society.arrives()
 
 
 @pytest.mark.long
@@ -180,6 +180,7 @@ def test_each_restart_doubles_the_limit_of_lateness() -> None:
 # Slow is not hung, and sometimes is not late ------------------------------------------------------
 
 
+@pytest.mark.long
 def test_an_agent_that_never_publishes_what_its_card_provides_is_left_alone() -> None:
     """In a world without walls localization has nothing to correct."""
     empty = with_sensors(load_scenario("sc1"), "real")
@@ -244,7 +245,6 @@ def test_if_most_of_a_host_is_silent_at_once_it_is_the_machine(fault: str) -> No
     society.let_pass(15.0)
     assert society.more() == {}
     assert any(note.startswith("b: ") for note in society.notes)
-    assert society.arrives()
 
 
 @pytest.mark.long
@@ -391,8 +391,7 @@ def test_a_restart_is_requested_with_what_the_monitor_itself_received_and_missed
 # When it cannot be whole --------------------------------------------------------------------------
 
 
-@pytest.mark.long
-def test_the_robot_is_stopped_if_agents_stay_missing() -> None:
+def test_the_robot_is_stopped_if_agents_stay_missing_and_not_again_after_a_release() -> None:
     society = Society(NONE_TAKES).let_pass(6.0)
     society.run.hosts["b"].lose()
     society.let_pass(19.0)
@@ -401,11 +400,15 @@ def test_the_robot_is_stopped_if_agents_stay_missing() -> None:
     (stop,) = {stop.press: stop for stop in society.stops}.values()
     assert stop.stopped
     assert stop.by.startswith("monitor: no avoid, gothrough, goto, interface, path-planning for")
+    society.mesh.publish(Stop(stop.counter + 1, stopped=False, by="somebody", press=stop.press))
+    society.let_pass(30.0)
+    assert {s.press for s in society.stops if s.stopped} == {stop.press}
     society.run.start_host("b")
     society.let_pass(10.0)
     assert [report.missing for report in society.reports.values() if report.acts][-1] == ()
 
 
+@pytest.mark.long
 def test_a_robot_at_rest_without_a_goal_is_not_stopped() -> None:
     society = Society(NONE_TAKES, replace(DRIVEN, goal=None)).let_pass(6.0)
     society.run.hosts["b"].lose()
@@ -413,19 +416,10 @@ def test_a_robot_at_rest_without_a_goal_is_not_stopped() -> None:
     assert society.stops == []
 
 
-def test_the_stop_is_not_latched_again_after_a_release() -> None:
-    society = Society(NONE_TAKES).let_pass(6.0)
-    society.run.hosts["b"].lose()
-    society.let_pass(25.0)
-    stop = society.stops[-1]
-    society.mesh.publish(Stop(stop.counter + 1, stopped=False, by="somebody", press=stop.press))
-    society.let_pass(30.0)
-    assert {s.press for s in society.stops if s.stopped} == {stop.press}
-
-
 # Requests over the mesh ---------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_an_agent_that_comes_and_goes_does_not_hide_one_that_hangs() -> None:
     society = Society().let_pass(6.0)
     FAULTS["deaf"](society.mesh.node("goto"))

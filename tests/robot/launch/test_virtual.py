@@ -213,7 +213,6 @@ def test_the_same_seed_is_the_same_run_byte_for_byte_in_any_process() -> None:
         env=os.environ | {"PYTHONHASHSEED": hash_seed},
     ).stdout.strip()
     assert other == digest("sc3", 3)
-    assert other != digest("sc3", 4)
 
 
 @pytest.mark.long

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from armadico.agents.supervision.messages import (
     HostShare,
@@ -566,3 +567,39 @@ def test_a_pause_is_no_slow_machine() -> None:
         assert bench.pass_time(4.0) == []
         bench.now += 60.0
     assert bench.pass_time(5.0) == []
+
+
+def test_the_card_of_an_agent_that_ended_before_the_start_is_not_kept() -> None:
+    wakeup = Wakeup(Identity("wakeup-1", "lab1", 1, rng=Random(1)), Parameters(host="lab1"))
+    kernel = wakeup.kernel
+    for instance in ("goto-1", "avoid-1"):
+        kernel.living.add(instance)
+        kernel.met(replace(Bench().card(instance, GOTO), owns=("wheels",)), 0.0)
+    kernel.living.discard("goto-1")
+    kernel.start(0.0)
+    assert wakeup._contending.keys() == {"avoid-1"}
+
+
+def test_two_mechanisms_on_two_hosts_are_named_by_the_one_whose_owner_does_not() -> None:
+    def said(owner: str) -> list[str]:
+        bench = Bench()
+        cards = (("robot-1", owner, ""), ("goto-1", "lab1", ""), ("avoid-2", "lab2", "wheels mean"))
+        for instance, host, mechanism in (*cards, ("gothrough-2", "lab2", "wheels mean")):
+            early = instance == "goto-1"  # its card comes before this agent has joined
+            if not early:
+                bench.appear(instance)
+            card = bench.card(instance, GOTO, host)
+            owns = ("wheels",) * (instance == "robot-1")
+            bids = ("wheels",) * (instance != "robot-1")
+            mechanisms = (mechanism,) * bool(mechanism)
+            card = replace(card, owns=owns, resources=bids, mechanisms=mechanisms)
+            bench.agent.kernel.met(card, bench.now)
+            if early:
+                bench.appear(instance)
+        return [order.text for order in bench.take() if order.do is Do.SAY]
+
+    assert not said("lab1")
+    (text,) = said("lab2")
+    assert "wheels by different mechanisms" in text
+    assert "by mean: avoid-2 on lab2" in text
+    assert "goto-1 on lab1" in text

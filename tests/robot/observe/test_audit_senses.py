@@ -10,10 +10,10 @@ import pytest
 from armadico.bridge.reflex import Reflex
 from armadico.config.profile import load_profile
 from armadico.config.worlds import World
+from armadico.core.judgement import Answer
 from armadico.core.messages import Cycle, Description, Message, Point, RobotState, Twist
 from armadico.mobile.geometry import Pose2, compose
 from armadico.mobile.messages import Echo, Pose, Sonar, Trajectory, Waypoint
-from armadico.mobile.obstacles import Obstacles
 from armadico.observe.audit.auditor import Auditor
 from armadico.observe.audit.chart import Chart
 from armadico.observe.audit.paths import Clears
@@ -61,20 +61,25 @@ def state(
 Cap = Callable[[Reflex, float], float]
 
 
-def before_a_wall(cap: Cap, robot: str = ROBOT) -> Auditor:
-    """A robot that stands 0.5 m before a wall, and is then ordered to drive on."""
+def before_a_wall(cap: Cap, robot: str = ROBOT, received: float = inf) -> Auditor:
+    """A robot that stands 0.5 m before a wall, and is then ordered to drive on.
+
+    From cycle `received` on its readings are not received.
+    """
     auditor, reflex = auditor_of(Reflexes, robot), Reflex(load_profile(ROBOT))
     echoes = tuple(
         Echo(*each.place, 0.5 if abs(each.place[2]) < 0.3 else None)
         for each in load_profile(ROBOT).sonar.sonars  # type: ignore[union-attr]
     )
     ordered = admitted = NOT_DRIVEN
-    for number in range(160):
+    for number in range(260):
         now = 0.1 * number
+        auditor.update(now, "", described(robot))
         auditor.update(now, "", state(number, ordered=ordered, admitted=admitted))
-        auditor.update(now, "", Sonar(Cycle(1, number), 5.0, echoes))
+        if number < received:
+            auditor.update(now, "", Sonar(Cycle(1, number), 5.0, echoes))
         reflex.update(echoes, (0.0, 0.0, 0.0), (0.0, 0.0), now, None, (admitted.v, 0.0))
-        if number > 120:
+        if number > 220:
             ordered, admitted = Twist(0.6, 0.0), Twist(cap(reflex, 0.6), 0.0)
     return auditor
 
@@ -91,6 +96,15 @@ def test_what_the_reflex_forbids_is_not_let_through_nor_held_back_what_it_admits
     cap: Cap, found: list[Promise]
 ) -> None:
     assert [each.promise for each in before_a_wall(cap).findings] == found
+
+
+@pytest.mark.parametrize("received", [0, 200])
+def test_readings_that_are_not_received_accuse_no_reflex(received: int) -> None:
+    auditor = before_a_wall(lambda reflex, v: reflex.cap(v, 0.0)[0], received=received)
+    assert auditor.findings == []
+    (found,) = auditor.report()
+    assert found.answer is Answer.UNKNOWN
+    assert "Sonar" in found.what
 
 
 def test_the_reflex_of_a_robot_without_a_profile_at_hand_is_unknown() -> None:
@@ -124,14 +138,18 @@ def read(
     late_s: float = 0.0,
     off_m: float = 0.0,
     deaf: tuple[float, ...] = (),
+    gone_s: float = inf,
 ) -> list[str]:
-    """What is found in readings of a room, of a robot whose place in it depends on the time."""
+    """What is found in readings of a room, of a robot whose place in it depends on the time.
+
+    From `gone_s` on the room's walls are gone, which the map does not know.
+    """
     auditor, chart = auditor_of(Compared), Chart(ROOM)
     auditor.chart(ROOM)
 
     def echo(bearing: float, now: float) -> Echo:
         sight = chart.ahead(*compose(place(now - late_s), (0.0, 0.0, bearing)))
-        heard = sight is not None and sight.square > 0.9 and bearing not in deaf
+        heard = sight is not None and sight.square > 0.9 and bearing not in deaf and now < gone_s
         return Echo(0.0, 0.0, bearing, sight.far if heard and sight is not None else None)
 
     for number in range(600):
@@ -168,6 +186,7 @@ def test_a_sonar_that_misses_walls_which_others_read_is_deaf() -> None:
     assert "at 0 degrees" in " ".join(read(around, deaf=(0.0,)))
     assert read(around) == []
     assert read(around, deaf=RING) == [], "no other one reads these walls: they may be of foam"
+    assert read(around, gone_s=30.0) == [], "walls that are gone convict no sensor"
 
 
 # Paths --------------------------------------------------------------------------------------------
@@ -180,7 +199,7 @@ def found_on(walls: list[tuple[float, float, float, float]], y: float) -> list[P
     auditor = auditor_of(Clears)
     auditor.chart(world.outlines, world)
     auditor.update(0.0, "", Pose(Cycle(1, 1), 1.0, 0.0, 0.0, SURE))
-    auditor.update(0.0, "", Obstacles(Cycle(1, 1), None, None, None, None, ()))
+    auditor.update(0.0, "", Sonar(Cycle(1, 1), 5.0, ()))
     way = tuple(Waypoint(*at, 0.0) for at in ((3.0, y), (7.0, y), (9.0, 0.0)))
     auditor.update(0.1, "", Trajectory(1, 1, way, Point(1.0, 0.0), planned=True))
     return [each.promise for each in auditor.findings]

@@ -174,7 +174,7 @@ def test_a_goal_of_a_viewer_is_a_mission(stack: ExitStack, domain: int) -> None:
         stage.turn()
         viewer.read()
         goals = [stage.society.goal(each) for each in stage.outside.goals()]
-    assert goals == [MissionRequest(Waypoint(2.0, -1.0, 0.0))]
+    assert goals == [MissionRequest(Waypoint(2.0, -1.0, 0.0), by="ROS 2")]
     while "odom" not in viewer.received:
         stage.turn()
         viewer.read()

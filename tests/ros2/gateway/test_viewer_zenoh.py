@@ -67,5 +67,5 @@ def test_a_late_viewer_receives_the_map_and_sends_a_goal(wires: list[Wire]) -> N
         requests += [society.goal(each) for each in outside.goals()]
         number += 1
     assert read["/map"] == 1
-    assert requests[0] == MissionRequest(Waypoint(1.0, 2.0, 0.0))
+    assert requests[0] == MissionRequest(Waypoint(1.0, 2.0, 0.0), by="ROS 2")
     assert not lines

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from armadico.config.worlds import load_world
+from armadico.config.named import Gazetteer
 from armadico.core.messages import Cycle, RobotState, Stop
 from armadico.core.services import service_of
 from armadico.launch.virtual_session import VirtualSession
@@ -19,7 +19,7 @@ from tests.watch.observed import Observed
 @pytest.fixture(scope="module")
 def driven() -> tuple[Observed, Society]:
     """Under way, in a world with a wall; a program has asked for something, and for the stop."""
-    society = Society(load_world("sc2"), {"rounds": "Three rounds"})
+    society = Society(Gazetteer("sc2"), {"rounds": "Three rounds"})
     observed = Observed(chronicle=society)
     observed.run.add(Assistant)
     program = VirtualSession(observed.mesh, name="program")
@@ -109,7 +109,9 @@ def test_before_any_message_the_answers_are_empty() -> None:
     assert "picture" not in society.map()
     assert society.who() == {"agents": []}
     assert society.missions()["available"] == [{"name": "rounds", "title": "Three rounds"}]
-    assert society.history(0.0, 40) == {"events": []}
+    history = society.history(0.0, 40)
+    assert history["events"] == []
+    assert history["unknown"]["collision"], "nothing counted them"
     assert society.moment().keys() == {"note"}
     assert society.why(0.0)["stands"]
 

@@ -12,14 +12,26 @@ from hypothesis import strategies as st
 from armadico.core.messages import MessageError, checked
 from armadico.watch.assistant.messages import AssistantRequest
 from armadico.watch.assistant.tools import TOOLS
-from armadico.watch.mcp.lines import LONGEST, STATELESS, VERSIONS, Call, Lines, answer
+from armadico.watch.mcp.lines import (
+    LONGEST,
+    STATELESS,
+    VERSIONS,
+    Call,
+    Dropped,
+    Lines,
+    answer,
+    is_notification,
+    mismatch,
+    progress,
+    status_of,
+)
 
 
 def request(**fields: object) -> bytes:
     return json.dumps({"jsonrpc": "2.0", "id": 7, **fields}).encode() + b"\n"
 
 
-def parsed(given: Call | bytes | None) -> dict[str, Any]:
+def parsed(given: Call | Dropped | bytes | None) -> dict[str, Any]:
     """Return an answer, which is one line."""
     assert isinstance(given, bytes)
     assert given.endswith(b"\n")
@@ -36,7 +48,7 @@ def test_the_greeting_has_the_clients_version_if_supported(version: str) -> None
     params = {"protocolVersion": version, "capabilities": {}, "clientInfo": client}
     result = parsed(lines.receive(request(method="initialize", params=params)))["result"]
     assert result["protocolVersion"] == (version if version in VERSIONS else VERSIONS[0])
-    assert result["capabilities"] == {"tools": {}}
+    assert result["capabilities"].keys() == {"tools", "resources", "prompts"}
     assert result["serverInfo"]["name"] == "armadico"
     assert lines.client == "a model [2J", "it is printed on terminals"
 
@@ -56,7 +68,7 @@ def test_without_a_handshake_each_request_states_its_version() -> None:
     lines = Lines("0.1")
     found = parsed(lines.receive(stateless("server/discover")))["result"]
     assert found["supportedVersions"] == [STATELESS]
-    assert found["capabilities"] == {"tools": {}}
+    assert found["capabilities"].keys() == {"tools", "resources", "prompts"}
     assert (found["resultType"], found["cacheScope"]) == ("complete", "public")
     assert found["_meta"]["io.modelcontextprotocol/serverInfo"]["name"] == "armadico"
     assert lines.client == "a model"
@@ -97,7 +109,7 @@ def test_every_tool_is_listed_with_a_schema_that_stands_by_itself() -> None:
         assert "$ref" not in json.dumps(tool)
         assert tool["annotations"]["readOnlyHint"] != TOOLS[tool["name"]].does
     goto = next(tool for tool in tools if tool["name"] == "goto")["inputSchema"]
-    assert goto["required"] == ["x", "y"]
+    assert goto["properties"].keys() == {"place", "x", "y", "heading", "wait_s"}
 
 
 @pytest.mark.parametrize(
@@ -114,7 +126,8 @@ def test_a_calls_arguments_fit_into_a_line_of_a_message(
 ) -> None:
     params = {"name": "goto", "arguments": arguments}
     call = Lines("0.1").receive(request(method="tools/call", params=params))
-    assert call == Call(7, "goto", text)
+    assert isinstance(call, Call)
+    assert (call.id, call.tool, call.text) == (7, "goto", text)
     checked(AssistantRequest(call.tool, call.text))
     assert json.loads(call.text) == (arguments or {})
 
@@ -135,6 +148,97 @@ def test_an_answer_is_an_object_and_the_same_as_text() -> None:
     ]
 
 
+def test_a_resource_is_read_by_a_tool_and_answered_as_contents() -> None:
+    lines = Lines("0.1")
+    listed = parsed(lines.receive(request(method="resources/list")))["result"]["resources"]
+    for resource in listed:
+        call = lines.receive(request(method="resources/read", params={"uri": resource["uri"]}))
+        assert isinstance(call, Call)
+        assert not TOOLS[call.tool].does
+        (content,) = parsed(answer(call, {"x": 1}))["result"]["contents"]
+        assert content["uri"] == resource["uri"]
+        assert json.loads(content["text"]) == {"x": 1}
+    call = lines.receive(stateless("resources/read", uri="armadico://map"))
+    assert isinstance(call, Call)
+    result = parsed(answer(call, {}, picture=b"PNG"))["result"]
+    assert (result["contents"][0]["blob"], result["ttlMs"]) == ("UE5H", 0)
+    assert parsed(answer(call, {"refused": "too many"}, failed=True))["error"]["code"] == -32603
+    wrong = request(method="resources/read", params={"uri": "file:///etc/passwd"})
+    assert parsed(lines.receive(wrong))["error"]["code"] == -32602
+
+
+def test_a_prompt_has_its_arguments_and_wrong_ones_are_refused() -> None:
+    lines = Lines("0.1")
+    listed = parsed(lines.receive(request(method="prompts/list")))["result"]["prompts"]
+    assert [argument["name"] for argument in listed[0]["arguments"]] == ["errand"]
+    params = {"name": "errand", "arguments": {"errand": "look into {the} kitchen"}}
+    found = parsed(lines.receive(request(method="prompts/get", params=params)))["result"]
+    assert "look into {the} kitchen" in found["messages"][0]["content"]["text"]
+    for wrong in ({"name": "errand"}, {"name": "x"}, {"name": "explain", "arguments": {"a": "b"}}):
+        error = parsed(lines.receive(request(method="prompts/get", params=wrong)))["error"]
+        assert error["code"] == -32602
+
+
+def test_a_call_can_be_followed_and_withdrawn() -> None:
+    lines = Lines("0.1")
+    params = {"name": "goto", "arguments": {}, "_meta": {"progressToken": "t"}}
+    call = lines.receive(request(method="tools/call", params=params))
+    assert isinstance(call, Call)
+    told = progress(call, 1.0, 9.0, "2 m to go")
+    assert is_notification(told)
+    assert not is_notification(answer(call, {}))
+    assert json.loads(told)["params"]["progressToken"] == "t"
+    notification = {"jsonrpc": "2.0", "method": "notifications/cancelled"}
+    line = json.dumps({**notification, "params": {"requestId": 7}}).encode()
+    assert lines.receive(line) == Dropped(7)
+    assert lines.receive(json.dumps({**notification, "params": []}).encode()) is None
+
+
+AGREED = {
+    "mcp-protocol-version": STATELESS,
+    "mcp-method": "tools/call",
+    "mcp-name": "goto",
+}
+
+
+@pytest.mark.parametrize(
+    ("headers", "code"),
+    [
+        (AGREED, None),
+        (AGREED | {"mcp-name": "=?base64?Z290bw==?="}, None),
+        (AGREED | {"mcp-name": "=?base64?Z290bw=?="}, -32020),
+        (AGREED | {"mcp-name": "stop"}, -32020),
+        (AGREED | {"mcp-method": "tools/list"}, -32020),
+        (AGREED | {"mcp-protocol-version": "2025-11-25"}, -32020),
+        (AGREED | {"mcp-protocol-version": f"{STATELESS},{STATELESS}"}, -32020),
+        ({}, -32020),
+    ],
+)
+def test_the_headers_of_the_stateless_version_repeat_its_body(
+    headers: dict[str, str], code: int | None
+) -> None:
+    wrong = mismatch(stateless("tools/call", name="goto", arguments={}), headers)
+    assert (wrong and json.loads(wrong)["error"]["code"]) == code
+    assert wrong is None or status_of(wrong, STATELESS) == 400
+
+
+def test_older_versions_need_no_header_and_unknown_ones_are_refused() -> None:
+    body = request(method="tools/list")
+    assert mismatch(body, {}) is None
+    assert mismatch(body, {"mcp-protocol-version": VERSIONS[0]}) is None
+    wrong = mismatch(body, {"mcp-protocol-version": "1999-01-01"})
+    assert wrong is not None
+    assert json.loads(wrong)["error"]["data"]["supported"] == [STATELESS, *VERSIONS]
+    assert mismatch(body, {"mcp-protocol-version": STATELESS}) is not None, "it states no version"
+    assert mismatch(b"{", {}) is None
+
+
+@given(st.binary(), st.dictionaries(st.sampled_from(sorted(AGREED)), st.text()))
+def test_no_body_or_header_raises(body: bytes, headers: dict[str, str]) -> None:
+    wrong = mismatch(body, headers)
+    assert wrong is None or "error" in json.loads(wrong)
+
+
 @pytest.mark.parametrize(
     ("line", "code", "number"),
     [
@@ -147,7 +251,7 @@ def test_an_answer_is_an_object_and_the_same_as_text() -> None:
         (b'{"id": 7, "method": "ping"}\n', -32600, None),
         (b'{"jsonrpc": "1.0", "id": 7, "method": "ping"}\n', -32600, 7),
         (b'{"jsonrpc": "2.0", "id": [7], "method": "ping"}\n', -32600, None),
-        (b'{"jsonrpc": "2.0", "id": 7, "method": "resources/list"}\n', -32601, 7),
+        (b'{"jsonrpc": "2.0", "id": 7, "method": "logging/setLevel"}\n', -32601, 7),
         (b'{"jsonrpc": "2.0", "id": 7, "method": "tools/call"}\n', -32602, 7),
         (
             b'{"jsonrpc": "2.0", "id": 7, "method": "tools/call", "params": {"name": 1}}\n',

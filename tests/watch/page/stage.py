@@ -11,6 +11,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from armadico.config.named import Gazetteer
 from armadico.config.scenarios import ideal, load_scenario
 from armadico.config.worlds import load_world
 from armadico.core.discovery import agent_class
@@ -66,7 +67,8 @@ class Stage:
         self.mesh = self.run.mesh
         self.place = VirtualSession(self.mesh, HOME)
         presses = iter(range(1, 1000))
-        robot = Robot(HOME, self.world, lambda: next(presses), ("teleop",))
+        places = Gazetteer(self.run.scenario.world)
+        robot = Robot(HOME, self.world, lambda: next(presses), ("teleop",), gazetteer=places)
         self.spawned: list[tuple[str, str]] = []
         self.session = Session({HOME: robot}, [self.place], self._spawn)
         self.robot = robot

@@ -126,6 +126,18 @@ def test_a_click_a_drag_a_wall_and_the_stop(page: Browser, stage: Served) -> Non
     page.until(f"!{PARTS}.stop.stopped && {PARTS}.motion.v > 0.1")
 
 
+def test_a_place_is_chosen_by_its_name_and_seen_before_the_robot_goes(page: Browser) -> None:
+    page.until("document.querySelector('#place option[value=B]')")
+    choose = "(place.value = 'B', place.dispatchEvent(new Event('change')))"
+    page.evaluate(f"{{ const place = document.getElementById('place'); {choose}; }}")
+    fields = "['gox', 'goy', 'goa'].map((id) => document.getElementById(id).value).join(' ')"
+    assert page.evaluate(fields) == "7.40 0.70 -90"
+    page.until(f"{PARTS}.mission.state")  # the page may be older than its first mission
+    assert shown(page, "mission")["state"] == "none"
+    page.evaluate("document.querySelector('#go button').click()")
+    page.until(f"{PARTS}.mission.way?.at(-1)?.[0] > 7.3")
+
+
 def inks(browser: Browser, x: float, y: float) -> set[str]:
     """Which of the colours of loops and of those that are off are near a place of the world."""
     script = f"""(() => {{

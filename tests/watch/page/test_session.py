@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from math import hypot, pi
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,6 +13,7 @@ from msgspec.structs import replace
 from armadico.agents.supervision.messages import HostShare, Kept, KeptState
 from armadico.config.hosts import Host, HostTable
 from armadico.config.map_graphs import message_of as graph_message
+from armadico.config.named import DATA_VARIABLE, Gazetteer
 from armadico.config.scenarios import load_scenario
 from armadico.core import messages as m
 from armadico.core.mailbox import EVENTS
@@ -471,3 +473,18 @@ def test_a_contender_for_two_resources_is_shown_with_its_bid_for_the_wheels() ->
         robot.receive("", reply, 1.0, is_reply=True)
     (row,) = robot.parts(1.1)["wheels"]["contenders"]
     assert (row["utility"], row["reason"]) == (0.4, "for the wheels")
+
+
+def test_a_browser_is_told_the_places_that_have_names_and_a_damaged_file_ends_no_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(DATA_VARIABLE, str(tmp_path))
+    gazetteer = Gazetteer("house")
+    robot = Robot(HOME, gazetteer=gazetteer)
+    places: Any = robot.fixed["places"]
+    assert ["E", 12.6, 1.2, pytest.approx(-pi / 2)] in places
+    gazetteer.add("kitchen", (2.0, 1.5, None))
+    places = robot.fixed["places"]
+    assert ["kitchen", 2.0, 1.5, None] in places
+    gazetteer.file.write_text("[kitchen")
+    assert robot.fixed["places"] == []

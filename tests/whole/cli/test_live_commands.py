@@ -231,7 +231,7 @@ def test_a_program_looks_stops_the_robot_and_a_person_releases_it(
         assert tool("stop", reason="a cat")["stopped"]
         events = tool("history")["events"]
         assert any('model asked: stop {"reason":"a cat"}' in each["what"] for each in events)
-        code = tool("resume")["reply"].partition("--confirm ")[2].strip("`")
+        code = tool("resume")["text"].partition("--confirm ")[2].strip("`")
         assert "another stop" in run("resume", "--confirm", "000000").stderr
         assert "free to move" in run("resume", "--confirm", code.lower()).stdout
         server.stdin.close()

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from armadico.config.hosts import load_hosts
+from armadico.observe.watching import MOST_S
 from armadico_tools.hosts.compose import DESK, DRIVER
 from tests.whole.house.tree import PRODUCT, ROOT
 
@@ -37,6 +38,12 @@ def test_each_service_is_a_host_of_the_demo_at_its_address() -> None:
         assert re.findall(r"ipv4_address: ([\d.]+)", text) == list(hosts[name].addresses)
         assert f'command: [up, "${{SCENARIO:-sc4}}", --host, {name}' in text
         assert re.search(rf"test: \[CMD, armadico, ps, --host, {name}\]", text)
+
+
+def test_a_health_check_is_not_killed_while_it_observes() -> None:
+    text = (DEPLOY / "compose.yaml").read_text(encoding="utf-8")
+    (timeout,) = re.findall(r"^  timeout: (\d+)s", text, re.MULTILINE)
+    assert float(timeout) >= 2 * MOST_S
 
 
 def test_more_than_one_host_of_the_demo_can_drive_and_has_a_monitor() -> None:

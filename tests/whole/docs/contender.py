@@ -231,7 +231,9 @@ class Contender:
             return False, True
         obeyed, at = ack[3], ack[4]
         lately = at is not None and self.fresh(at, 1) and obeyed is not None
-        if now >= self.silent_at and not (lately and obeyed >= (self.largest or [])):
+        claimed = rival is not None and [new[0], number] <= rival["cycle"]
+        obeyed_still = lately and obeyed >= (self.largest or [])
+        if now >= self.silent_at and not obeyed_still and not claimed:
             return False, True
         if rival is None:
             return False, False

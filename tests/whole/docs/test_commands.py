@@ -12,7 +12,12 @@ from tests.whole.docs.blocks import NOTES, Block, blocks, files
 from tests.whole.docs.shell import Shell
 
 COMMANDS = [block for block in blocks() if block.is_commands]
-LONG = ("docs/fleet.md", "docs/lasers.md", "docs/maps.md", "docs/slam.md")
+LONG = {
+    *("docs/faults.md", "docs/fleet.md", "docs/lasers.md", "docs/localization.md", "docs/logs.md"),
+    *("docs/maps.md", "docs/own-profile.md", "docs/rivals.md", "docs/robots.md", "docs/slam.md"),
+    "docs/tutorial.md",
+}
+"""Whose commands take seconds of a core each, and which other tests run, too."""
 ALONE = [
     pytest.param(block, marks=[pytest.mark.long] if block.document in LONG else [], id=str(block))
     for block in COMMANDS

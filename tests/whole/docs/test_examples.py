@@ -49,7 +49,7 @@ def run(name: str, folder: Path, **more: str) -> str:
     return done.stdout
 
 
-@pytest.mark.long(but=("three_lines.py",))
+@pytest.mark.long
 @pytest.mark.parametrize("name", SAYS)
 def test_an_example_under_a_virtual_clock(name: str, tmp_path: Path) -> None:
     assert SAYS[name] in run(name, tmp_path)

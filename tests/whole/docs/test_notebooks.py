@@ -65,7 +65,7 @@ def test_a_notebook_is_stored_without_what_came_of_it(name: str) -> None:
     assert not [cell for cell in code(name) if cell["outputs"] or cell["execution_count"]]
 
 
-@pytest.mark.long(but=("thirty_seeds.ipynb",))
+@pytest.mark.long
 @pytest.mark.parametrize("name", SHOWS)
 def test_a_notebook_runs_to_its_end(name: str, execute: Execute) -> None:
     execute("%reset -f")

@@ -6,13 +6,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from armadico.core.membership import agent_of
 from armadico.core.messages import Ack, Card
 from armadico.core.resources import WHEELS
 from armadico.launch.client import Client
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.mobile.messages import Pose
-from armadico.observe.view import View, agent_of
+from armadico.observe.view import View
 from tests.whole.docs.shell import Shell
 
 SOON = 60.0  # s; a deadline, not an expectation

@@ -58,6 +58,7 @@ def test_when_the_holder_is_killed_another_drives_on(start: Start) -> None:
     ballots_never_go_down(society.acks)
 
 
+@pytest.mark.long
 def test_when_the_holder_hangs_another_drives_on_and_the_old_one_comes_back_in_vain(
     start: Start,
 ) -> None:

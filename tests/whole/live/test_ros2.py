@@ -176,6 +176,7 @@ def last_place(robot: subprocess.Popen[str]) -> tuple[float, float]:
     return at["x"], at["y"]
 
 
+@pytest.mark.long
 def test_a_robot_of_real_ros_2_is_driven_to_its_goal(
     room: Path, rclpy_robot: Callable[..., subprocess.Popen[str]]
 ) -> None:

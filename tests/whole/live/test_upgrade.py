@@ -32,6 +32,7 @@ def _card(society: Society, name: str) -> tuple[int, int]:
     return (0, 0) if card is None else (card.pid, card.speaks)
 
 
+@pytest.mark.long
 def test_a_society_is_upgraded_process_by_process(
     start: Start, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
-from armadico.cli.options import FailedError, UsageError
+from armadico.cli.options import FailedError, UnknownError, UsageError
 from armadico.cli.parsing import Command, argument, at_least, flag, option, several
 from armadico.core.errors import no_such
+from armadico.core.judgement import Judgement, no, unknown, yes
 from armadico_tools.markdown import table
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ class Options:
 
 
 def run(args: Options) -> int:
-    """Run attacks, each on a society that works; 1 if a stranger got a link or had an effect."""
+    """Run attacks, each on a society that works; the exit code is that of `judged`."""
     from armadico_tools.attacks import running
     from armadico_tools.attacks.attempts import ATTEMPTS
     from armadico_tools.testbed import PlaceError
@@ -98,7 +99,23 @@ def run(args: Options) -> int:
         raise FailedError(str(error)) from None
     finally:
         _print_whole(args, outcomes)
-    return int(args.keys and any(o.is_stranger and (o.linked or o.effects) for o in outcomes))
+    judgement = judged(outcomes, keys=args.keys)
+    options.report(f"judgement: {judgement}")
+    return judgement.exit_code
+
+
+def judged(outcomes: Sequence[Outcome], *, keys: bool) -> Judgement:
+    """Whether no stranger got a link to a society with keys, and each attack was made.
+
+    Who has a key, or attacks a society without keys, has a link, or it has attacked nothing.
+    """
+    if keys and any(o.is_stranger and (o.linked or o.effects) for o in outcomes):
+        return no("a stranger got a link")
+    shut = [o.name for o in outcomes if not o.linked and not (keys and o.is_stranger)]
+    if shut or not outcomes:
+        what = f"{', '.join(shut)}: the attacker got no link" if shut else "no attack"
+        return unknown(f"{what}, so nothing was tried", "run it again, on a machine with less load")
+    return yes()
 
 
 def _print_whole(args: Options, outcomes: Sequence[Outcome]) -> None:
@@ -143,6 +160,8 @@ def _soak(args: Options, minutes: int) -> int:
         except PlaceError as error:
             raise FailedError(str(error)) from None
     print("\n".join(found.lines))
+    if not found.kills:
+        raise UnknownError("nothing is known: no agent was killed")
     return int(not found.holds)
 
 
@@ -175,6 +194,8 @@ def _floods(*, as_json: bool) -> int:
         print(json.dumps([each._asdict() for each in found], indent=1))
     else:
         print(f"\n{_summary(found)}")
+    if not found:
+        raise UnknownError("nothing is known: no agent was killed")
     return int(any(each.back is None for each in found))
 
 
@@ -210,6 +231,6 @@ main = Command(
     "Start a society of real processes with a port on the loopback, attack it with a hand-written"
     " peer, and print what each attack did: to the robot, by the line to its controller; to the"
     " processes; to what watchers show. Exit code 1 if a stranger got a link to a society with"
-    " keys, or had an effect.",
+    " keys, or had an effect, 3 if an attacker that should have a link got none.",
     EXAMPLES,
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from contextlib import closing
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -13,11 +14,12 @@ from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import Command, Must, argument, at_least, flag, group, option
 from armadico.core.errors import no_such
+from armadico.core.installed import entries
 from armadico_tools.command_options import Series
-from armadico_tools.experiments import CELLS, MODULES, RUNS, Barn, titles
+from armadico_tools.experiments import CELLS, MODULES, OTHERS, RUNS, Barn, Rivals, titles
 
 if TYPE_CHECKING:
-    from armadico_tools.experiments.runner import Experiment
+    from armadico_tools.experiments.runner import Context, Experiment
 
 EXAMPLES: Final = """\
   armadico experiment --list
@@ -25,7 +27,9 @@ EXAMPLES: Final = """\
   armadico experiment my.toml --runs 100       a table of cells of your own
   armadico experiment barn --worlds 1 --worlds 2 --robot pioneer-2dx --v-max 1
   armadico experiment logs FOLDER              on logs of real robots
+  armadico experiment foretold FOLDER          also in the worlds and scenarios of a folder
   armadico experiment exploration --runs 1     one seed of each world, five floor plans
+  armadico experiment rivals --pilot --runs 2 --mechanism auction
 """
 
 
@@ -35,7 +39,7 @@ class Options:
         "a name of --list, or a file of cells", nargs="?", metavar="NAME"
     )
     logs: Path | None = argument(
-        "logs only: folder, or one log",
+        "logs: folder, or one log; foretold: folder of more worlds and scenarios",
         nargs="?",
         metavar="FOLDER",
         must=Must(Path.exists, "no such file or folder"),
@@ -45,6 +49,7 @@ class Options:
         f"run N seeds per cell (default: mostly {RUNS})", metavar="N", must=at_least(1)
     )
     barn: Barn = group(Barn, "barn only")
+    rivals: Rivals = group(Rivals, "rivals only")
     out: Path = option(
         "write folders of results into DIR (default: results)",
         default=Path("results"),
@@ -61,12 +66,19 @@ def run(args: Options) -> int:
         raise UsageError("name an experiment (see --list)")
     if args.barn != Barn() and args.experiment != "barn":
         raise UsageError("--worlds, --robot, --v-max and --data are for the experiment barn only")
-    if (args.logs is not None) != (args.experiment == "logs"):
-        raise UsageError("FOLDER is for logs only: armadico experiment logs FOLDER")
+    if args.rivals != Rivals() and args.experiment != "rivals":
+        raise UsageError(
+            "--mechanism, --situation, --behaviours, --told, --yardstick and --pilot are for the"
+            " experiment rivals only"
+        )
+    if args.experiment == "logs" and args.logs is None:
+        raise UsageError("name the folder of logs: armadico experiment logs FOLDER")
+    if args.experiment not in ("logs", "foretold") and args.logs is not None:
+        raise UsageError(f"{args.logs}: a folder is for logs and foretold only")
     done = _run(args.experiment, args)
     if args.series.json:
         print(json.dumps(done))
-    return 0
+    return options.UNKNOWN if done["lacking"] else 0
 
 
 main = Command(
@@ -94,6 +106,10 @@ def _found(name: str) -> tuple[str, Experiment]:
         from armadico_tools.experiments import cells
 
         return cells.read(CELLS.get(name, Path(name)))
+    others = {point.name: point for point in entries(OTHERS)}
+    if name not in MODULES and name in others:
+        made: Experiment = others[name].load()
+        return made.title or name, made
     if name not in MODULES:
         raise UsageError(no_such("experiment", name, titles()))
     title, where = MODULES[name]
@@ -112,24 +128,29 @@ def _run(name: str, args: Options) -> dict[str, object]:
         from armadico_tools.experiments.barn import check
 
         check(args.barn)
+    if name == "rivals":
+        from armadico_tools.experiments.driving import scenario_of
+        from armadico_tools.experiments.rivals import arms, cell, left_out
+
+        for arm in arms(args.rivals).values():  # raises here, not after hours
+            scenario_of(cell("slalom", "default", arm))
+        for each, why in left_out(args.rivals).items():
+            options.report(f"{each} is not compared: {why}")
+        name = "rivals-pilot" if args.rivals.pilot else name
     began, name = time.monotonic(), Path(name).stem if name.endswith(".toml") else name
     context = runner.Context(
         out=args.out / name,
         runs=args.runs or found.runs,
-        jobs=args.series.processes,
         first_seed=found.first_seed,
         barn=args.barn,
+        rivals=args.rivals,
         logs=args.logs,
     )
-    try:
-        moved = context.claim(name)
-    except runner.NotOursError as error:
-        raise FailedError(str(error)) from None
-    except OSError as error:
-        raise FailedError(f"cannot write to {context.out}: {error.strerror}") from None
-    if moved is not None:
-        options.report(f"{context.out} has other seeds, or runs of other code: renamed to {moved}")
-    context.run(found, title)
+    with closing(context), args.series.workers() as context.workers:
+        _claim(context, name)
+        context.run(found, title)
+    for each in context.lacking:
+        options.report(f"{name}: {each}")
     seconds = time.monotonic() - began
     options.report(f"{name}: {seconds:.0f} s, {len(context.files)} files in {context.out}")
     return {
@@ -142,4 +163,19 @@ def _run(name: str, args: Options) -> dict[str, object]:
         "seconds": round(seconds, 1),
         "files": [path.name for path in context.files],
         "cells": context.summary,
+        "lacking": context.lacking,
     }
+
+
+def _claim(context: Context, name: str) -> None:
+    """Claim the folder of results. Raises FailedError."""
+    from armadico_tools.experiments.runner import NotOursError
+
+    try:
+        moved = context.claim(name)
+    except NotOursError as error:
+        raise FailedError(str(error)) from None
+    except OSError as error:
+        raise FailedError(f"cannot write to {context.out}: {error.strerror}") from None
+    if moved is not None:
+        options.report(f"{context.out} has other seeds, or runs of other code: renamed to {moved}")

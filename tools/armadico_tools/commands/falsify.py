@@ -66,15 +66,16 @@ def run(args: Options) -> int:
 
     if args.repeat is not None:
         return series.repeat(args.repeat, as_json=args.series.json)
-    return series.search(
-        args.robot or ROBOTS,
-        args.world or cases.WORLDS,
-        args.cycles or CYCLES,
-        args.seed or 0,
-        args.out,
-        args.series.processes,
-        as_json=args.series.json,
-    )
+    with args.series.workers() as where:
+        return series.search(
+            args.robot or ROBOTS,
+            args.world or cases.WORLDS,
+            args.cycles or CYCLES,
+            args.seed or 0,
+            args.out,
+            where,
+            as_json=args.series.json,
+        )
 
 
 main = Command(

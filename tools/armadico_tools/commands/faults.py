@@ -17,6 +17,7 @@ EXAMPLES: Final = """\
   armadico faults --variant people --robot turtlebot4 --scenario house
   armadico faults --planted all --seeds 20     which promises find defects of the product
   armadico faults --planted all --once         how many seeds each defect needs
+  armadico faults --planted all --monitored    which the auditor finds as it runs live
   armadico faults --seeds 100 --excuses        which excuses of the auditor are needed
   armadico faults --repeat case.json           repeat a case, as printed with a violation
   armadico faults --live --list                list the kinds of trials, and what they measure
@@ -46,6 +47,8 @@ def run(args: Options) -> int:
         return campaign.show_kinds(live=live, as_json=as_json)
     if args.virtual.once and args.virtual.planted is None:
         raise UsageError("--once is for runs with --planted")
+    if args.virtual.monitored and args.virtual.planted is None:
+        raise UsageError("--monitored is for runs with --planted")
     if args.virtual.repeat is not None:
         return campaign.repeat(args.virtual.repeat, as_json=as_json)
     if args.virtual.planted is not None:
@@ -62,7 +65,8 @@ main = Command(
     " kill, hang and disconnect real processes instead, and measure the times to recover. Results"
     " are kept in a file. A violation on the virtual mesh prints one command that repeats it, with"
     " as few faults as possible. Exit code 1 if a promise was broken, if a trial failed or missed"
-    " its aim, or if in 1000 seeds some situation never occurred.",
+    " its aim, or if in 1000 seeds some situation never occurred; 3 if trials were left out that"
+    " need root, or if a recording lacks what a promise is judged by.",
     EXAMPLES,
 )
 
@@ -73,8 +77,8 @@ def _given(of: object) -> list[str]:
 
 def _check(args: Options) -> None:
     """Raises UsageError for options that exclude each other."""
-    jobs = ["jobs"] if args.series.jobs is not None else []
-    virtual = _given(args.virtual) + jobs
+    shared = [name for name in ("jobs", "on") if getattr(args.series, name) is not None]
+    virtual = _given(args.virtual) + shared
     if args.real.live and virtual:
         raise UsageError(f"--{virtual[0]} is only for runs without --live")
     if not args.real.live and (real := _given(args.real)):

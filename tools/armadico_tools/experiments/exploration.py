@@ -342,7 +342,7 @@ def _row(world: str, robot: str, runs: Sequence[Explored]) -> tuple[object, ...]
 
 EXPLORATION: Final = Experiment(
     note=NOTE,
-    parts=(Part("plans", plan_of, _plans, None), Part("runs", explore, tasks)),
+    parts=(Part("plans", plan_of, _plans, None), Part("runs", explore, tasks, repeatable=False)),
     report=report,
     runs=10,
     first_seed=1,

@@ -333,7 +333,7 @@ LOGS: Final = Experiment(
     parts=(
         Part("maps", make, _maps, None),
         Part("scans on maps", explain, _explained, None),
-        Part("logs", drive, _tasks, _rows),
+        Part("logs", drive, _tasks, _rows, repeatable=False),
     ),
     report=_report,
     runs=3,

@@ -2,9 +2,11 @@
 
 A folder of results belongs to one experiment with one first seed and one version of the code:
 
-- `about.json`: experiment, seeds, software; `conditions.json`: conditions of each cell
+- `about.json`: experiment, seeds, software, and at the end the number of results;
+  `conditions.json`: conditions of each cell
 - `found.csv`: each result as soon as it is known, under a hash of all that it depends on. An
   interrupted experiment continues from it.
+- `progress.json`: what is run now; gone at the end
 - a CSV for each part of the experiment, `table.md`, pictures: written at the end, the same bytes
   for the same results
 
@@ -13,18 +15,24 @@ A folder with other seeds, or by other code, is renamed. No result is overwritte
 
 from __future__ import annotations
 
+import fcntl
+import time
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import BrokenExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
-from typing import Any, Final, Generic, TypeVar
+from typing import IO, Any, Final, Generic, TypeVar
 
 import msgspec
 from msgspec import Struct
 
-from armadico.cli import pool
+from armadico.cli.options import FailedError
+from armadico.cli.pool import Pool
 from armadico.observe.conditions import Software, software, source_hash
-from armadico_tools.experiments import FIRST_SEED, RUNS, Barn
+from armadico_tools import series
+from armadico_tools.experiments import FIRST_SEED, RUNS, Barn, Rivals
 from armadico_tools.experiments.driving import (
     Cell,
     Sample,
@@ -33,7 +41,7 @@ from armadico_tools.experiments.driving import (
     drive,
     key_of,
 )
-from armadico_tools.results import Kept, write_csv, write_json
+from armadico_tools.results import Kept, Result, rows_of, write_csv, write_json
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -41,8 +49,10 @@ R = TypeVar("R")
 ABOUT: Final = "about.json"
 CONDITIONS: Final = "conditions.json"
 FOUND: Final = "found.csv"
+PROGRESS: Final = "progress.json"
 BESIDES: Final = [
-    Path(__file__).with_name(name) for name in ("driving.py", "lifted.py", "likelihood_filter.py")
+    Path(__file__).with_name(f"{name}.py")
+    for name in ("bidders", "driving", "lifted", "likelihood_filter", "made_worlds")
 ]
 """Modules of this package that change results. The others only report them."""
 
@@ -66,6 +76,7 @@ class Part(Generic[T, R]):
     measure: Callable[[T], R]  # at module level, for worker processes
     tasks: Callable[[Context], Sequence[T]]
     rows: Callable[[Sequence[R]], Table] | None = flat  # None: no CSV
+    repeatable: bool = True  # False: results have times of this computer
 
 
 @dataclass(frozen=True)
@@ -77,6 +88,8 @@ class Experiment:
     note: str = ""  # for readers of the table
     runs: int = RUNS  # seeds
     first_seed: int = FIRST_SEED
+    title: str = ""  # of an experiment of another package
+    seeds: str = ""  # what they are, for people; empty: `runs` from `first_seed` on
 
 
 def driven(
@@ -97,16 +110,20 @@ class Context:
 
     out: Path  # its folder, which exists
     runs: int = RUNS
-    jobs: int = 1
+    workers: int | Pool = 1
     first_seed: int = FIRST_SEED
     barn: Barn = field(default_factory=Barn)
-    logs: Path | None = None  # a folder of logs of real robots, or one log
+    rivals: Rivals = field(default_factory=Rivals)
+    logs: Path | None = None  # a folder of logs of real robots, or one log; of foretold: of worlds
     source: str = field(default_factory=lambda: source_hash(*BESIDES))
     software: Software = field(default_factory=software)
     found: dict[str, list[Any]] = field(default_factory=dict)  # by part
     cells: dict[str, Cell] = field(default_factory=dict)  # those that were run, by name
     files: list[Path] = field(default_factory=list)
+    lacking: list[str] = field(default_factory=list)  # what the results do not have, and should
     summary: dict[str, object] = field(default_factory=dict)
+    _lock: IO[bytes] | None = field(default=None, init=False, repr=False)
+    _about: About | None = field(default=None, init=False, repr=False)
 
     @property
     def seeds(self) -> list[int]:
@@ -121,28 +138,48 @@ class Context:
         return found
 
     def claim(self, name: str) -> Path | None:
-        """Claim the folder for this experiment; see `claim`."""
-        about = About(
+        """Claim the folder for this experiment, until `close`; see `claim`."""
+        self._about = About(
             experiment=name,
             first_seed=self.first_seed,
             runs=self.runs,
             source=self.source,
             software=self.software,
         )
-        return claim(self.out, about)
+        moved, self._lock = claim(self.out, self._about)
+        return moved
+
+    def close(self) -> None:
+        """Release the folder."""
+        if self._lock is not None:
+            self._lock.close()
 
     def run(self, experiment: Experiment, title: str) -> None:
         """Run what is missing, and write all files anew."""
         for part in experiment.parts:
-            found = self.map(part.measure, part.tasks(self), part.name)
+            tasks = part.tasks(self)
+            found = self.map(part.measure, tasks, part.name, repeatable=part.repeatable)
             self.found[part.name] = found
             if part.rows is not None:
                 self.rows(part.name, *part.rows(found))
         if self.cells:
             self.summary |= {name: outcome(samples) for name, samples in self.samples.items()}
-        self._table(f"# {title}\n\n{experiment.note}\n\n{experiment.report(self)}")
+        reported = experiment.report(self)  # it may add to `lacking`
+        note = "\n\n".join(filter(None, [experiment.note, *(f"**{x}.**" for x in self.lacking)]))
+        self._table(f"# {title}\n\n{note}\n\n{reported}", experiment.seeds)
+        if self._about is not None:
+            kept = sum(1 for _ in rows_of(self.out / FOUND, Result))
+            write_json(self.out / ABOUT, msgspec.structs.replace(self._about, results=kept))
+        (self.out / PROGRESS).unlink(missing_ok=True)
 
-    def map(self, function: Callable[[T], R], tasks: Sequence[T], label: str) -> list[R]:
+    def map(
+        self,
+        function: Callable[[T], R],
+        tasks: Sequence[T],
+        label: str,
+        *,
+        repeatable: bool = True,
+    ) -> list[R]:
         """Apply a function to tasks, in order; results in `found.csv` are not computed again."""
         keys = {cell: key_of(cell) for task in tasks if (cell := _cell(task)) is not None}
 
@@ -155,15 +192,22 @@ class Context:
             conditions = {name: conditions_of(cell) for name, cell in self.cells.items()}
             write_json(self.file(CONDITIONS), conditions)
         kept = Kept(self.out / FOUND, function, self.source)
-        known = kept.read(list(map(depends_on, tasks)))
-        missing = [at for at in range(len(tasks)) if at not in known]
-        made = pool.over(
-            function,
-            [tasks[at] for at in missing],
-            self.jobs,
-            f"{self.out.name}, {label}",
-            lambda task, result: kept.add(depends_on(task), result),
+        known, missing = series.known(kept, tasks, depends_on)
+        write_json(
+            self.out / PROGRESS, Progress(label, len(tasks), len(known), kept.count, time.time())
         )
+        try:
+            made = series.run(
+                function,
+                [tasks[at] for at in missing],
+                self.workers,
+                f"{self.out.name}, {label}",
+                lambda task, result: kept.add(depends_on(task), result),
+                repeatable=repeatable,
+            )
+        except BrokenExecutor as error:
+            again = "finished runs are kept: the same command continues"
+            raise FailedError(f"{series.lost(error)}; {again}") from None
         known |= dict(zip(missing, made, strict=True))
         return [known[at] for at in range(len(tasks))]
 
@@ -178,9 +222,9 @@ class Context:
             self.files.append(path)
         return path
 
-    def _table(self, text: str) -> None:
+    def _table(self, text: str, seeds: str) -> None:
         """Write the table, with commit and seeds."""
-        seeds = f"seeds {self.first_seed} to {self.first_seed + self.runs - 1}"
+        seeds = seeds or f"seeds {self.first_seed} to {self.first_seed + self.runs - 1}"
         made = f"Commit {self.software.commit}, {seeds}."
         self.file("table.md").write_text(f"{text.rstrip()}\n\n{made}\n", encoding="utf-8")
 
@@ -206,8 +250,18 @@ def outcome(samples: Sequence[Sample]) -> dict[str, object]:
 # The folder ---------------------------------------------------------------------------------------
 
 
+class Progress(Struct, frozen=True):
+    """The contents of `progress.json`, which an unfinished experiment has: its present part."""
+
+    part: str
+    runs: int
+    known: int  # of these, when it began or continued
+    kept: int  # results of all parts then
+    began: float  # s since 1970
+
+
 class NotOursError(Exception):
-    """A folder exists that is not of an experiment."""
+    """A folder is not of an experiment, or another process runs one in it."""
 
 
 class About(Struct, frozen=True, kw_only=True):
@@ -218,6 +272,7 @@ class About(Struct, frozen=True, kw_only=True):
     runs: int
     source: str
     software: Software
+    results: int | None = None  # that were kept when it was finished; None: it is not
 
     def continues(self, other: About) -> bool:
         """Whether these results may replace the others: the same experiment, as many seeds."""
@@ -225,22 +280,55 @@ class About(Struct, frozen=True, kw_only=True):
         return same and self.source == other.source and self.runs >= other.runs
 
 
-def claim(folder: Path, about: About) -> Path | None:
-    """Claim a folder for an experiment. Returns where another one's results were moved.
+def claim(folder: Path, about: About) -> tuple[Path | None, IO[bytes]]:
+    """Claim a folder for an experiment.
 
-    Raises NotOursError if it has other contents.
+    Returns where another one's results were moved, and the file that locks the folder.
+
+    Raises NotOursError if it has other contents, or another process runs an experiment in it.
     """
-    moved = None
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        try:
-            before = msgspec.json.decode((folder / ABOUT).read_bytes(), type=About)
-        except (OSError, msgspec.DecodeError):
-            raise NotOursError(
-                f"{folder} exists and has no results of an experiment; name another --out"
-            ) from None
-        if not about.continues(before):
-            kept = (folder.with_name(f"{folder.name}.kept-{number}") for number in count(1))
-            moved = folder.rename(next(name for name in kept if not name.exists()))
-    folder.mkdir(parents=True, exist_ok=True)
-    write_json(folder / ABOUT, about)
-    return moved
+    with ExitStack() as held:
+        lock = held.enter_context(_locked(folder)) if (folder / ABOUT).is_file() else None
+        moved = _moved_aside(folder, about)
+        folder.mkdir(parents=True, exist_ok=True)
+        if lock is not None and moved is not None:
+            lock.close()  # of what was moved
+            lock = None
+        if lock is None:
+            (folder / ABOUT).touch()
+            lock = held.enter_context(_locked(folder))
+        write_json(folder / ABOUT, about)
+        held.pop_all()
+    return moved, lock
+
+
+def _moved_aside(folder: Path, about: About) -> Path | None:
+    """Rename a folder that these results do not continue. Raises NotOursError."""
+    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+        return None
+    try:
+        before = msgspec.json.decode((folder / ABOUT).read_bytes(), type=About)
+    except (OSError, msgspec.DecodeError):
+        raise NotOursError(
+            f"{folder} exists and has no results of an experiment; name another --out"
+        ) from None
+    if about.continues(before):
+        return None
+    kept = (folder.with_name(f"{folder.name}.kept-{number}") for number in count(1))
+    return folder.rename(next(name for name in kept if not name.exists()))
+
+
+def _locked(folder: Path) -> IO[bytes]:
+    """Lock a folder of results. Raises NotOursError if another process has locked it.
+
+    The folder itself has the store's lock, which is held for each row alone.
+    """
+    file = (folder / ABOUT).open("r+b")
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        file.close()
+        raise NotOursError(
+            f"another process runs an experiment in {folder}: wait for it, or name another --out"
+        ) from None
+    return file

@@ -115,7 +115,7 @@ def failures(samples: Iterable[Sample]) -> str:
     rows = (
         (
             *(one.cell, one.seed, "yes" if one.reached else "no", one.collisions or 0),
-            *(f"{value:.1f}" for value in (one.p_percent, one.fo_deg, one.tt_s)),
+            *("-" if x is None else f"{x:.1f}" for x in (one.p_percent, one.fo_deg, one.tt_s)),
             one.note,
         )
         for one in bad

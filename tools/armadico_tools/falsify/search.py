@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 import numpy as np
-from cmaes import CMA
 from msgspec import Struct
 from msgspec.structs import replace
 
@@ -57,6 +56,8 @@ class Search(Struct, frozen=True):
 
     def run(self) -> Found:
         """Evolve cases. Raises ConfigError for a world without a place for the robot."""
+        from cmaes import CMA  # late: it imports SciPy, which is slow
+
         fixed = setting(self.robot, self.worlds, self.seed, self.lasts)
         evolution = CMA(
             mean=np.full(SIZE, 0.5),

@@ -13,14 +13,16 @@ from rich.console import Console
 from rich.table import Table
 
 from armadico.cli.options import FailedError
+from armadico.cli.pool import Pool
 from armadico.config.loading import read_text
 from armadico.core.judgement import Judgement, all_of, no, unknown, yes
 from armadico.observe.conditions import software
-from armadico_tools.command_options import over
 from armadico_tools.falsify.cases import loads
 from armadico_tools.falsify.search import Found, Search, preventable, smaller
 from armadico_tools.falsify.trial import Outcome, run
+from armadico_tools.faults.contacts import Cause
 from armadico_tools.results import Rows
+from armadico_tools.series import over
 
 FILE = "falsify.csv"
 
@@ -42,6 +44,10 @@ class Row(Struct, frozen=True):
     cause: str = ""
     case: str = ""
 
+    def __post_init__(self) -> None:
+        for text in (self.contacts, self.case):
+            json.loads(text or "{}")
+
     @property
     def of(self) -> tuple[str, str, str]:
         """What a series has in common."""
@@ -56,7 +62,7 @@ class Ledger:
     """The seeds that were searched on this commit, for one robot and some worlds."""
 
     def __init__(self, folder: Path, robot: str, worlds: Sequence[str]) -> None:
-        """Open the file, and make its folder if needed. Raises FailedError."""
+        """Open the file, and make its folder if needed. Raises FailedError, ConfigError."""
         self.robot, self._of = robot, (software().commit, robot, " ".join(worlds))
         try:
             self._rows = Rows(folder / FILE, Row)
@@ -92,12 +98,22 @@ def repeat(given: str, *, as_json: bool) -> int:
     """Repeat one case, given as JSON or as a file of it. Raises ConfigError."""
     outcome = run(loads(given if given.lstrip().startswith("{") else read_text(given)))
     if as_json:
-        print(json.dumps({**_plain(outcome), "cycles": outcome.cycles}))
+        judgement = to_builtins(judge_case(outcome))
+        print(json.dumps({**_plain(outcome), "cycles": outcome.cycles, "judgement": judgement}))
     elif outcome.cause:
         print(f"{outcome.at:.2f} s: a contact at {outcome.speed:.2f} m/s: {outcome.cause}")
     else:
         print(f"no contact in {outcome.cycles} cycles; the nearest was {outcome.worth:.2f} s away")
-    return 1 if outcome.found else 0
+    return judge_case(outcome).exit_code
+
+
+def judge_case(outcome: Outcome) -> Judgement:
+    """Whether a case makes no contact that the sensors could have prevented."""
+    if outcome.found:
+        return no(outcome.cause)
+    if outcome.cause == Cause.UNKNOWN.value:
+        return unknown(outcome.cause, "examine the case")
+    return yes() if outcome.cycles else unknown("the robot drove in no cycle")
 
 
 def search(
@@ -106,7 +122,7 @@ def search(
     cycles: int,
     first: int,
     folder: Path,
-    jobs: int,
+    where: int | Pool,
     *,
     as_json: bool,
 ) -> int:
@@ -116,7 +132,7 @@ def search(
     """
     ledgers = {robot: Ledger(folder, robot, worlds) for robot in robots}
     complete = all(
-        _until(ledger, robot, tuple(worlds), cycles, first, jobs)
+        _until(ledger, robot, tuple(worlds), cycles, first, where)
         for robot, ledger in ledgers.items()
     )
     judgement = all_of(judge(ledger, cycles) for ledger in ledgers.values())
@@ -135,9 +151,12 @@ def search(
 
 def judge(ledger: Ledger, cycles: int) -> Judgement:
     """Whether so many cycles passed without a contact that the sensors could have prevented."""
-    found = preventable(sum((row.by_cause for row in ledger.rows.values()), Counter()))
+    found, perhaps, _ = _shares(ledger)
     if found:
         return no(f"{ledger.robot}: {found} contacts that the sensors could have prevented")
+    if perhaps:
+        might = f"{ledger.robot}: {perhaps} contacts that the sensors might have prevented"
+        return unknown(might, "readings fit the obstacle and others, or none: examine the cases")
     if ledger.cycles < cycles:
         driven = f"{ledger.robot}: {ledger.cycles:,} of {cycles:,} cycles were driven"
         return unknown(driven, "run the same command again: it continues")
@@ -145,7 +164,7 @@ def judge(ledger: Ledger, cycles: int) -> Judgement:
 
 
 def _until(
-    ledger: Ledger, robot: str, worlds: tuple[str, ...], cycles: int, first: int, jobs: int
+    ledger: Ledger, robot: str, worlds: tuple[str, ...], cycles: int, first: int, where: int | Pool
 ) -> bool:
     """Search seeds until so many cycles were driven. Returns False if interrupted."""
     seed = first
@@ -156,7 +175,7 @@ def _until(
             if seed not in ledger.rows:
                 tasks.append(Search(robot, worlds, seed))
             seed += 1
-        if not over(Search.run, tasks, jobs, f"seeds of {robot}", lambda _, f: ledger.add(f)):
+        if not over(Search.run, tasks, where, f"seeds of {robot}", lambda _, f: ledger.add(f)):
             return False
     return True
 
@@ -172,21 +191,31 @@ def _worst(ledger: Ledger) -> str:
     return f"armadico falsify --repeat {shlex.quote(smaller(outcome).case.dumps())}"
 
 
+def _shares(ledger: Ledger) -> tuple[int, int, int]:
+    """Contacts that the sensors could have prevented, of which it is unknown, and others."""
+    contacts = sum((row.by_cause for row in ledger.rows.values()), Counter[str]())
+    found, perhaps = preventable(contacts), contacts[Cause.UNKNOWN.value]
+    return found, perhaps, contacts.total() - found - perhaps
+
+
 def _summary(ledger: Ledger) -> dict[str, object]:
     rows = ledger.rows.values()
     contacts = sum((row.by_cause for row in rows), Counter())
+    found, perhaps, others = _shares(ledger)
     return {
         "seeds": len(rows),
         "cases": sum(row.cases for row in rows),
         "cycles": ledger.cycles,
-        "preventable": preventable(contacts),
+        "preventable": found,
+        "unknown": perhaps,
+        "not_preventable": others,
         "contacts": dict(contacts),
     }
 
 
 def _show(ledgers: dict[str, Ledger], wanted: int) -> None:
     table = Table("robot")
-    for title in ("seeds", "cases", "cycles", "contacts to prevent"):
+    for title in ("seeds", "cases", "cycles", "contacts to prevent", "unknown", "others"):
         table.add_column(title, justify="right")
     table.add_column("contacts by cause")
     for robot, ledger in ledgers.items():
@@ -194,7 +223,7 @@ def _show(ledgers: dict[str, Ledger], wanted: int) -> None:
         contacts = sum((row.by_cause for row in ledger.rows.values()), Counter[str]())
         causes = "\n".join(f"{count} {cause}" for cause, count in contacts.most_common())
         driven = f"{ledger.cycles:,} of {wanted:,}"
-        numbers = str(found["seeds"]), str(found["cases"]), driven, str(found["preventable"])
+        numbers = str(found["seeds"]), str(found["cases"]), driven, *map(str, _shares(ledger))
         whole = ledger.cycles >= wanted
         table.add_row(robot, *numbers, causes or ("none" if whole else "none so far"))
     Console().print(table)

@@ -1,11 +1,18 @@
-"""Promises about which agent drives: ballots, cycles and tenures."""
+"""Promises about which agent drives: ballots, cycles and tenures.
+
+The auditor judges by the acks, of which there is one a cycle; here is what shows only where the
+robot agent obeys, between two acks, or needs to know whether the network is whole. What is stated
+by the commands that the owner obeyed holds for each mechanism. `OneHolder`, by claims, is a rule of
+ballots.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from armadico.core.messages import Ballot, Claim
-from armadico.observe.audit.coordination import FRESH_CYCLES, Rising, brief
+from armadico.core.membership import agent_of
+from armadico.core.messages import Ballot, Claim, Cycle
+from armadico.observe.audit.coordination import Rising, brief
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.observations import Obeyed, Observation, Published
 from armadico_tools.faults.record import Bounds, Record
@@ -15,32 +22,64 @@ ALIVE_S = 0.35
 
 
 class OneDriver:
-    """Within an epoch the ballots obeyed never decrease, also between two acks."""
+    """Within an epoch the ballots obeyed never decrease between two acks.
+
+    The acks alone show `obeys_smaller_ballots` in none of six seeds.
+    """
 
     promise = Promise.ONE_DRIVER
+    on = (Obeyed,)
 
     def __init__(self) -> None:
         self._obeyed = Rising("obeyed")
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:  # noqa: ARG002
-        """At each command obeyed; the auditor judges the acks."""
+        """At each command obeyed."""
         if isinstance(seen, Obeyed) and (what := self._obeyed.add(seen.cycle.epoch, seen.ballot)):
             yield what
 
 
+class OneCommander:
+    """In a cycle no agent is obeyed again after another one: the wheels change hands once at most.
+
+    Another agent may be obeyed in the same cycle, as a takeover is immediate.
+    """
+
+    promise = Promise.ONE_DRIVER
+    on = (Obeyed,)
+
+    def __init__(self) -> None:
+        self._cycle: Cycle | None = None
+        self._instances: list[str] = []  # obeyed in this cycle, in order
+
+    def check(self, seen: Observation, now: Record) -> Iterator[str]:  # noqa: ARG002
+        """At each command obeyed."""
+        if not isinstance(seen, Obeyed):
+            return
+        if seen.cycle != self._cycle:
+            self._cycle, self._instances = seen.cycle, []
+        instance, before = seen.ballot.instance, self._instances
+        if instance in before[:-1]:
+            names = ", ".join(map(agent_of, (*before, instance)))
+            yield f"in cycle {seen.cycle.number} these are obeyed by turns: {names}"
+        if not before or before[-1] != instance:
+            before.append(instance)
+
+
 class Fresh:
-    """No command is obeyed for a cycle more than 3 before the newest."""
+    """No command is obeyed long after the newest cycle, such as one that waited while it hung.
+
+    In cycles it is not late, so acks do not show it.
+    """
 
     promise = Promise.FRESH
+    on = (Obeyed,)
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
-        """At each command obeyed; the auditor judges the acks."""
-        if isinstance(seen, Obeyed) and now.owner.state is not None:
-            age, silent = now.owner.age(seen.cycle), seen.at - now.owner.state_at
-            if age > FRESH_CYCLES:
-                yield f"{brief(seen.ballot)} is obeyed for a cycle {age} before the newest"
-            elif silent > ALIVE_S:
-                yield f"{brief(seen.ballot)} is obeyed {silent:.2f} s after the newest cycle"
+        """At each command obeyed."""
+        silent = seen.at - now.owner.state_at
+        if isinstance(seen, Obeyed) and now.owner.state is not None and silent > ALIVE_S:
+            yield f"{brief(seen.ballot)} is obeyed {silent:.2f} s after the newest cycle"
 
 
 class OneHolder:
@@ -50,6 +89,7 @@ class OneHolder:
     """
 
     promise = Promise.ONE_HOLDER
+    on = (Claim,)
 
     def __init__(self, bounds: Bounds) -> None:
         self._overlap_s = bounds.overlap_s

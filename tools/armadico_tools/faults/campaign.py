@@ -17,16 +17,21 @@ from rich.table import Table
 
 from armadico.cli import options, pool
 from armadico.cli.options import FailedError, UsageError
+from armadico.cli.pool import Pool
 from armadico.config.hosts import load_hosts
 from armadico.config.loading import read_text
 from armadico.config.scenarios import load_scenario
 from armadico.core.config_errors import ConfigError
 from armadico.core.errors import no_such
 from armadico.core.judgement import Answer, all_of, no, unknown, yes
+from armadico.core.mechanisms import coordinations
+from armadico.core.messages import Ack, Message, RobotState
+from armadico.mobile.messages import Truth
 from armadico.observe.audit.promises import Excuse
 from armadico.observe.conditions import software
 from armadico_tools.faults import MINUTES, SEEDS, plan, series, shrink, workload
 from armadico_tools.faults import TRIALS as COUNT
+from armadico_tools.faults.checker import OF_BALLOTS
 from armadico_tools.faults.fault_types import KINDS, Promise
 from armadico_tools.faults.live import ROAD
 from armadico_tools.faults.plan import Outcome
@@ -36,7 +41,7 @@ from armadico_tools.faults.sightings import Sight
 from armadico_tools.faults.trials import TABLE, TRIALS, Trial, place_for
 from armadico_tools.faults.trials import run_trials as make_trials
 from armadico_tools.faults.variants import VARIANTS as VARIANTS  # noqa: PLC0414 (exported)
-from armadico_tools.faults.variants import among
+from armadico_tools.faults.variants import among, check_coordination
 from armadico_tools.faults.workload import End
 from armadico_tools.hosts.namespaces import lacking
 from armadico_tools.testbed import TABLE as HOSTS
@@ -125,20 +130,34 @@ def repeat(given: str, *, as_json: bool) -> int:
     return 1 if outcome.violations else 0
 
 
+UNSEEN: Final[Mapping[type[Message], tuple[str, str]]] = {
+    RobotState: ("stops and speeds are", "robot/state"),
+    Ack: ("which agent was obeyed is", "acks"),
+    Truth: ("collisions are", "truth of this robot"),
+}
+"""What the checker cannot judge without the messages of a kind."""
+
+
 def check_recording(path: Path, namespace: str | None, *, as_json: bool) -> int:
     from armadico.watch.recordings import RecordingError
     from armadico_tools.faults.recording import check
 
+    damage: list[str] = []
     try:
-        checker = check(path, namespace, options.report)
+        checker = check(path, namespace, damage.append)
     except RecordingError as error:
         raise UsageError(str(error)) from None
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror}") from None
     broken = checker.violations
     kept = no(f"{len(broken)} promises broken") if broken else yes()
-    blind = "collisions are unknown: the recording has no truth of this robot"
-    judgement = all_of((kept, yes() if checker.record.body.truth is not None else unknown(blind)))
+    blind = [unknown(f"{what}, unknown") for what in damage]
+    for kind, (what, name) in UNSEEN.items():
+        if kind not in checker.received:
+            blind.append(unknown(f"{what} unknown: the recording has no {name}"))
+        elif gap := checker.auditor.gaps(kind, begun=checker.began):
+            blind.append(unknown(f"{what} unknown: {gap}"))
+    judgement = all_of((kept, *blind))
     if as_json:
         rows = [{"promise": v.promise, "at": v.at, "text": v.text} for v in broken]
         found = {"violations": rows, "longest_s": checker.longest}
@@ -159,10 +178,10 @@ def run_seeds(args: Options) -> int:
     first = ledger.next_seed() if given.first is None else given.first
     lasts = 60.0 * (given.minutes or MINUTES)
     seeds = range(first, first + (given.seeds or SEEDS))
-    only = Only(args.kind, args.scenario, given.robot, given.variant)
-    among(only.variant, only.scenario, only.robot)  # raises here, not in a worker
+    only = _only(args)
     tasks = [series.Task(seed, lasts, only, strict=given.excuses) for seed in seeds]
-    summary = Summary(narrowed=only != EVERYTHING)
+    unchecked = {} if only.coordination is None else OF_BALLOTS
+    summary = Summary(narrowed=only != EVERYTHING, unchecked=unchecked)
 
     def done(_task: series.Task, outcome: Outcome) -> None:
         summary.add(outcome)
@@ -170,7 +189,8 @@ def run_seeds(args: Options) -> int:
     def new(task: series.Task, outcome: Outcome) -> None:
         _keep(ledger, outcome, task.only.kinds)
 
-    complete = _continue(args, tasks, done, new)
+    with args.series.workers() as where:
+        complete = _continue(args, where, tasks, done, new)
     commands = _commands(summary) if complete else []
     if args.series.json:
         print(json.dumps({**summary.plain(), "repeat": commands}))
@@ -185,6 +205,16 @@ def run_seeds(args: Options) -> int:
     return 1 if summary.broken or series.missing(summary) else 0
 
 
+def _only(args: Options) -> Only:
+    """What seeds do not draw. Raises here, not in a worker, if there is none of a name."""
+    given = args.virtual
+    variants = among(given.variant, args.scenario, given.robot)
+    if given.coordination:
+        coordinations(given.coordination)
+        check_coordination(given.coordination, variants, args.scenario, given.robot)
+    return Only(args.kind, args.scenario, given.robot, given.variant, given.coordination)
+
+
 def run_planted(args: Options) -> int:
     """Run seeds with defects, and with none; 1 if a defect was not found, or something without."""
     given, name = args.virtual, args.virtual.planted
@@ -194,8 +224,7 @@ def run_planted(args: Options) -> int:
     seeds = range(first, first + (given.seeds or SEEDS))
     names = ("", *DEFECTS) if name == "all" else ("", str(name))
     found = {each: Found() for each in names}
-    only = Only(args.kind, args.scenario, given.robot, given.variant)
-    among(only.variant, only.scenario, only.robot)  # raises here, not in a worker
+    only = _only(args)
 
     outcomes: dict[series.Task, Outcome] = {}
 
@@ -203,23 +232,28 @@ def run_planted(args: Options) -> int:
         outcomes[task] = outcome
 
     complete, batches = True, [[seed] for seed in seeds] if given.once else [[*seeds]]
-    for batch in batches:
-        left = [each for each in names if not (each and given.once and found[each].found)]
-        if not any(left):
-            break
-        # Faults excuse a robot from much, so every second seed is without.
-        tasks = [
-            series.Task(seed, lasts, only, each, calm=seed % 2 == 1)
-            for seed in batch
-            for each in left
-        ]
-        complete = _continue(args, tasks, done)
-        for task, outcome in outcomes.items():
-            alone = outcomes.get(replace(task, planted="")) if task.planted else None
-            found[task.planted].add(outcome, alone)
-        outcomes.clear()
-        if not complete:
-            break
+    with args.series.workers() as where:
+        for batch in batches:
+            left = [each for each in names if not (each and given.once and found[each].found)]
+            if not any(left):
+                break
+            # Faults excuse a robot from much, so every second seed is without.
+            tasks = [
+                series.Task(
+                    *(seed, lasts, only, each),
+                    calm=seed % 2 == 1 or given.monitored,
+                    monitored=given.monitored,
+                )
+                for seed in batch
+                for each in left
+            ]
+            complete = _continue(args, where, tasks, done)
+            for task, outcome in outcomes.items():
+                alone = outcomes.get(replace(task, planted="")) if task.planted else None
+                found[task.planted].add(outcome, alone)
+            outcomes.clear()
+            if not complete:
+                break
     if args.series.json:
         print(json.dumps({each or "none": vars(of) for each, of in found.items()}))
     else:
@@ -232,6 +266,7 @@ def run_planted(args: Options) -> int:
 
 def _continue(
     args: Options,
+    where: Pool,
     tasks: Sequence[series.Task],
     done: Callable[[series.Task, Outcome], None],
     new: Callable[[series.Task, Outcome], None] = lambda _task, _outcome: None,
@@ -239,7 +274,7 @@ def _continue(
     """Run the tasks whose outcomes are not kept yet. Returns False if interrupted."""
     path = args.out / series.OUTCOMES
     try:
-        return series.kept(path, series.Task.run, tasks, args.series.processes, done, new)
+        return series.kept(path, series.Task.run, tasks, where, done, new)
     except OSError as error:
         raise FailedError(f"cannot keep results in {args.out}: {error}") from None
 
@@ -303,7 +338,9 @@ def run_trials(args: Options) -> int:
     lines = series.lines(summary, chosen)
     _show_trials(summary, lines, as_json=args.series.json)
     sound = lines and all(line.kept for line in lines)
-    return 0 if sound and not summary.failed and not summary.broken else options.FAILED
+    if not sound or summary.failed or summary.broken:
+        return options.FAILED
+    return options.UNKNOWN if len(chosen) < len(args.kind or TABLE) else 0
 
 
 def _chosen(names: Sequence[str]) -> list[Trial]:
@@ -365,8 +402,12 @@ def _show_seeds(summary: Summary, commands: Sequence[str]) -> None:
     )
     table = Table("promise", "broken", title=title)
     for promise in Promise:
-        table.add_row(promise.value, str(summary.violations[promise.name]))
+        count = summary.count(promise)
+        table.add_row(promise.value, "not checked" if count is None else str(count))
     console.print(table)
+    for promise, what in summary.unchecked.items():
+        part = f" ({what})" if what else ""
+        print(f"not checked, since it is a rule of ballots: {promise.value}{part}")
     counts = ", ".join(f"{kind} {summary.faults[kind]}" for kind in KINDS if summary.faults[kind])
     void, shares = summary.void_contacts(), summary.void_shares()
     reasons = ", ".join(f"{why} {count}" for why, count in void.items())

@@ -10,17 +10,27 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from math import inf
 from typing import Final, Protocol
 
 from msgspec.structs import replace
 
 from armadico.core.judgement import Answer
+from armadico.core.messages import Message
 from armadico.mobile.geometry import relative
 from armadico.mobile.messages import Scan, Sonar, Truth
 from armadico.observe.audit.auditor import Auditor
 from armadico.observe.audit.promises import Finding
-from armadico_tools.faults.ballots import Fresh, OneDriver, OneHolder
-from armadico_tools.faults.contacts import PREVENTABLE, Counted, PlaceAt, Witness, nearest_place
+from armadico_tools.faults.ballots import Fresh, OneCommander, OneDriver, OneHolder
+from armadico_tools.faults.contacts import (
+    PREVENTABLE,
+    Cause,
+    Counted,
+    TouchedAt,
+    Witness,
+    nearest_place,
+    touched_of,
+)
 from armadico_tools.faults.fault_types import Promise, hinders
 from armadico_tools.faults.handover import Exchanged, Replaced
 from armadico_tools.faults.latched import Stopped
@@ -33,6 +43,14 @@ from armadico_tools.faults.sightings import Sightings
 
 TOUCHES_M: Final = 0.1
 """A wall within this of the footprint is what it touches, m."""
+
+
+OF_BALLOTS: Final = {
+    Promise.ONE_HOLDER: "",
+    Promise.HANDOVER: "",
+    Promise.SMOOTH: "the takeover; the ramps are checked",
+}
+"""What is not checked by another mechanism than ballots, since it is a rule of ballots; "": all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +66,10 @@ class Watch(Protocol):
     """Watches one promise."""
 
     promise: Promise
+
+    @property
+    def on(self) -> tuple[type[Observation | Message], ...]:
+        """What it is told: kinds of observations, and of messages that are published."""
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """The violations that this observation shows."""
@@ -71,23 +93,27 @@ class Checker:
         self._moves = Moves(bounds)
         self._moving = Moving()
         self._witness = Witness(bounds.outline, bounds.stopping_m)
-        self.touched: Callable[[], PlaceAt | None] = self._wall
+        self.touched: Callable[[], TouchedAt | None] = self._wall
         self._localized = Localized(bounds)
+        # The watches by what they are told, made when it first comes.
+        self._told: dict[tuple[type | None, ...], tuple[Watch, ...]] = {}
+        by_ballots = not bounds.coordination
+        self.received: set[type[Message]] = set()
+        self.began = inf  # at the first observation, s
         self._watches: tuple[Watch, ...] = (
             OneDriver(),
+            OneCommander(),
             Fresh(),
-            OneHolder(bounds),
             CommandObeyed(bounds),
             Silence(bounds),
             Watchdog(bounds),
             Smooth(bounds),
-            Exchanged(),
-            Replaced(bounds),
             Stopped(bounds),
             self._localized,
             self._moves,
             Remembered(),
             Goes(),
+            *((OneHolder(bounds), Exchanged(), Replaced(bounds)) if by_ballots else ()),
         )
 
     @property
@@ -108,14 +134,17 @@ class Checker:
     def update(self, seen: Observation) -> list[Violation]:
         """Process one observation. Returns the promises that it breaks."""
         self.record.update(seen)
-        if isinstance(seen, Published) and isinstance(seen.message, Truth):
-            self._moving.update(seen.message, self.record)
+        self.began = min(self.began, seen.at)
+        if isinstance(seen, Published):
+            self.received.add(type(seen.message))
+            if isinstance(seen.message, Truth):
+                self._moving.update(seen.message, self.record)
         self._read(seen)
         if seen.at != self.record.now:  # a late observation counts as of now
             seen = replace(seen, at=self.record.now)
         found = [
             Violation(watch.promise, seen.at, text)
-            for watch in self._watches
+            for watch in self._watching(seen)
             for text in watch.check(seen, self.record)
         ]
         found += [
@@ -127,6 +156,18 @@ class Checker:
         ]
         self.violations += found
         self.sights.update(seen, self.record)
+        return found
+
+    def _watching(self, seen: Observation) -> tuple[Watch, ...]:
+        """The watches that are told of an observation."""
+        kinds = type(seen), type(seen.message) if isinstance(seen, Published) else None
+        found = self._told.get(kinds)
+        if found is None:
+            found = self._told[kinds] = tuple(
+                watch
+                for watch in self._watches
+                if any(each is not None and issubclass(each, watch.on) for each in kinds)
+            )
         return found
 
     def _read(self, seen: Observation) -> None:
@@ -158,6 +199,9 @@ class Checker:
         return ", ".join(sorted(kinds))
 
     def _void(self, finding: Finding) -> bool:
+        # The margin alone keeps agents from taking turns whose bids are about equal.
+        if finding.promise is Promise.STEADY and self.record.bounds.margin == 0.0:
+            return True
         if finding.promise is not Promise.COLLISION:
             return self.record.void(finding.promise)
         why = self.record.unable() or self._unseen()
@@ -165,18 +209,18 @@ class Checker:
         return bool(why)
 
     def _unseen(self) -> str:
-        """Why no sensor could have known of what is touched now, in words; "" if one could.
+        """Why no sensor could have known of what is touched now, in words; "" if one might.
 
         Without a simulator at hand, what is not of the walls counts as seen.
         """
-        place_at = self.touched()
-        if place_at is None:
+        touched_at = self.touched()
+        if touched_at is None:
             return ""
-        cause = self._witness.judge(place_at, self._counted())
-        return "" if cause in PREVENTABLE else cause.value
+        cause = self._witness.judge(touched_at, self._counted())
+        return "" if cause in PREVENTABLE or cause is Cause.UNKNOWN else cause.value
 
-    def _wall(self) -> PlaceAt | None:
-        """The place of the wall that is touched now; None: it is no wall."""
+    def _wall(self) -> TouchedAt | None:
+        """The wall that is touched now; None: it is no wall."""
         truth, bounds = self.record.body.truth, self.record.bounds
         assert truth is not None, "it counts contacts"
         here = truth.x, truth.y, truth.theta
@@ -186,7 +230,8 @@ class Checker:
             or bounds.outline.clearance(*relative(here, (*place, 0.0))[:2]) > TOUCHES_M
         ):
             return None
-        return lambda _: place
+        found = touched_of(place, [[wall] for wall in bounds.walls])
+        return lambda _: found
 
     def needed(self) -> dict[str, tuple[str, ...]]:
         """By excuse, the promises of which more would be broken without it, as far as is known."""

@@ -10,11 +10,11 @@ from typing import Final, NamedTuple
 from armadico.core.coordination import braked
 from armadico.core.cycles import PERIOD
 from armadico.core.exchange import LONGEST, fuzzy_window
+from armadico.core.membership import agent_of
 from armadico.core.messages import Ack, Action, Ballot, Claim
 from armadico.core.resources import WHEELS
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe.audit.coordination import FRESH_CYCLES, brief
-from armadico.observe.view import agent_of
 from armadico_tools.faults.fault_types import CLAIMS as STRANGE_CLAIMS
 from armadico_tools.faults.fault_types import STRANGE_UTILITY, Promise
 from armadico_tools.faults.observations import Faulted, Obeyed, Observation, Published
@@ -79,6 +79,7 @@ class Exchanged:
     """
 
     promise = Promise.SMOOTH
+    on = (Faulted, Obstacles, Ack, Claim)
 
     def __init__(self) -> None:
         self._claims: deque[tuple[float, Claim]] = deque(maxlen=CLAIMS)
@@ -166,6 +167,7 @@ class Replaced:
     """
 
     promise = Promise.HANDOVER
+    on = (Observation,)
 
     def __init__(self, bounds: Bounds) -> None:
         self._bounds = bounds

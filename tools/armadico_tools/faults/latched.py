@@ -22,12 +22,17 @@ cycle of the ack."""
 class Stopped:
     """A stop always latches. Until a release no agent drives, and the wheels rest in time.
 
-    A released stop that arrives again, late or from a peer's memory, has no effect. This holds
-    under all faults, which can only delay the rest of the wheels: without the robot agent the
-    guard's time comes first, and an order that the line loses is repeated.
+    A released stop that arrives again, late or from a peer's memory, has no effect: not on the
+    robot agent that released it, and not on the next one, if the others could learn of its release.
+    This holds under all faults, which can only delay the rest of the wheels: without the robot
+    agent the guard's time comes first, and an order that the line loses is repeated.
+
+    The bed sees the line, the truth and whether the network is whole; by reports the auditor finds
+    none of `latches_no_stop`, `does_not_publish_the_stop` and `stops_again_by_an_old_stop`.
     """
 
     promise = Promise.STOP
+    on = (Stop, RobotState, Truth, Ordered)
 
     def __init__(self, bounds: Bounds) -> None:
         self._bounds = bounds
@@ -37,7 +42,8 @@ class Stopped:
         self._rest_due = inf
         self._sent_at = inf  # when a stop was published that is not yet acknowledged
         self._lost_at: float | None = None  # since when the robot agent has forgotten the stop
-        self._over: set[int] = set()  # presses whose release was acknowledged
+        self._over: set[int] = set()  # presses whose release all could learn of
+        self._shown: set[tuple[int, int]] = set()  # epochs of robot agents, and what they released
         self._again_at: float | None = None  # since when a released stop is effective again
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
@@ -47,7 +53,7 @@ class Stopped:
             if isinstance(message, Stop):
                 self._receive(message, seen.at, now)
             elif isinstance(message, RobotState):
-                yield from self._acknowledged(message.stop, seen.at, now)
+                yield from self._acknowledged(message, seen.at, now)
             elif isinstance(message, Truth) and self._press is not None:
                 yield from self._rests(message, seen.at, now)
         elif isinstance(seen, Ordered) and (seen.v or seen.w) and not self._may_move:
@@ -67,10 +73,9 @@ class Stopped:
         if stop.press not in self._releases and self._press is None and not _away(now):
             self._sent_at = min(self._sent_at, at)
 
-    def _acknowledged(self, stop: Stop, at: float, now: Record) -> Iterator[str]:
-        if not stop.stopped and stop.press in self._releases:
-            self._over.add(stop.press)
-        if not (stop.stopped and stop.press in self._over) or now.whole_for() < 0.0:
+    def _acknowledged(self, state: RobotState, at: float, now: Record) -> Iterator[str]:
+        stop = state.stop
+        if not self._stops_again(state, now) or now.whole_for() < 0.0:
             self._again_at = None
         elif self._again_at is None:
             self._again_at = at
@@ -100,6 +105,19 @@ class Stopped:
         elif at - self._lost_at > KNOWN_S:
             self._press, self._lost_at = None, None
             yield f"the stop is forgotten for {KNOWN_S:.0f} s, and was not released"
+
+    def _stops_again(self, state: RobotState, now: Record) -> bool:
+        """Whether a released stop is effective, of whose release the robot agent could know."""
+        stop, shown = state.stop, (state.cycle.epoch, state.stop.press)
+        if stop.stopped:
+            return stop.press in self._over or shown in self._shown
+        # Others learn of a release by this state alone, so that no stranger can release. A broken
+        # network hides it, and then a restarted robot agent gets the stop from them.
+        if stop.press in self._releases:
+            self._shown.add(shown)
+            if now.whole_for() >= 0.0:
+                self._over.add(stop.press)
+        return False
 
     def _rests(self, truth: Truth, at: float, now: Record) -> Iterator[str]:
         if _away(now):

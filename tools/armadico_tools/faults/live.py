@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Final, Self, TypeVar
 
 from armadico.config.scenarios import Scenario, planned
+from armadico.core.membership import agent_of
 from armadico.core.messages import Ask, BidHistory, Command, Message, decode
 from armadico.core.messages import MessageError as UnreadableError
 from armadico.core.services import BIDS, service_of
@@ -29,7 +30,6 @@ from armadico.launch.society import Member, Options, members, mission
 from armadico.mesh.link_faults import LinkFaults
 from armadico.mesh.ports import free_port
 from armadico.mobile.messages import MissionRequest, Waypoint
-from armadico.observe.view import agent_of
 from armadico.observe.watching import kind_at
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.injector import Injector

@@ -34,6 +34,7 @@ class Silence:
     """
 
     promise = Promise.SILENCE
+    on = (Observation,)
 
     def __init__(self, bounds: Bounds) -> None:
         self._stop_s = bounds.stop_s
@@ -123,6 +124,7 @@ class Watchdog:
     """If the robot agent is dead or hangs, the guard of its line stops the wheels in time."""
 
     promise = Promise.WATCHDOG
+    on = (Observation,)
 
     def __init__(self, bounds: Bounds) -> None:
         self._due_s = bounds.guard_s + bounds.braking_s
@@ -149,6 +151,7 @@ class Smooth:
     """
 
     promise = Promise.SMOOTH
+    on = (Truth,)
 
     def __init__(self, bounds: Bounds) -> None:
         self._bounds = bounds
@@ -180,10 +183,10 @@ class Smooth:
 
 
 class Moving:
-    """The seconds of moving in a world with obstacles, by why it could not act then."""
+    """The seconds of moving in a world with obstacles, by why its braking had no effect then."""
 
     def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}  # "" if it could
+        self.seconds: dict[str, float] = {}  # "" if it had
         self._truth: Truth | None = None
 
     def update(self, truth: Truth, now: Record) -> None:

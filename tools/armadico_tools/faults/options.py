@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from armadico.cli.parsing import at_least, between, flag, group, option, several
+from armadico.launch.options import coordination_option
 from armadico_tools.command_options import Series
 from armadico_tools.faults import MINUTES, SEEDS, TRIALS
 
@@ -23,12 +24,19 @@ class Virtual:
         "drive this robot: a shipped profile, or a file (default: drawn)", metavar="NAME"
     )
     variant: str | None = option("run only this variant (see --list; default: drawn)", metavar="V")
+    coordination: str | None = coordination_option(
+        "decide by this mechanism, as armadico run does; rules of ballots alone are then not"
+        " checked (default: ballots)"
+    )
     excuses: bool = flag("judge each seed without each excuse, too, and count which are needed")
     planted: str | None = option(
         "plant defect D of --list in the product, or each (all), and count the seeds that find it",
         metavar="D",
     )
     once: bool = flag("leave a planted defect out once a seed has found it")
+    monitored: bool = flag(
+        "with --planted: judge by the monitor's auditor alone, by messages and without faults"
+    )
     repeat: str | None = option("repeat a case, given as JSON or as a file", metavar="CASE")
 
 

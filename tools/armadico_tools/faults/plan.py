@@ -161,6 +161,7 @@ class Case(Struct, frozen=True, omit_defaults=True):
     robot's sensors. `variant` is the society's task (`variants.VARIANTS`), `robot` the profile (by
     default the scenario's), `people` are there besides the scenario's, and `charge` is the
     battery's at the beginning, as a share. `planted` is a defect of `planted.DEFECTS`.
+    `coordination` is the mechanism, if it is not ballots.
     """
 
     seed: int
@@ -174,6 +175,7 @@ class Case(Struct, frozen=True, omit_defaults=True):
     people: tuple[Walker, ...] = ()
     charge: Annotated[float, Meta(ge=0, le=1)] = 1.0
     planted: str = ""
+    coordination: str = ""
 
     def dumps(self) -> str:
         """The case as one line of JSON."""

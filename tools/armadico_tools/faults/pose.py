@@ -42,6 +42,8 @@ SPARE = 1.1
 class Localized:
     """A pose is off by no more than its covariance, or for a few seconds of driving only.
 
+    By the truth; the auditor compares poses with the odometry, corrections and walls.
+
     Without a covariance it is off by no more than the motion that could not be counted: while the
     line to the controller was broken, until the next `robot/state`, and in contact with obstacles.
     The absence of the robot agent is no cause, because the controller counts. An error of heading
@@ -50,6 +52,7 @@ class Localized:
     """
 
     promise = Promise.POSE
+    on = (Observation,)
 
     def __init__(self, bounds: Bounds) -> None:
         self._skew_s = bounds.skew_s

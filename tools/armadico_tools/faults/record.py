@@ -17,6 +17,7 @@ from armadico.config.profile import SensorProfile, load_profile
 from armadico.config.scenarios import Scenario
 from armadico.config.worlds import Segment, World, load_world
 from armadico.core.cycles import PERIOD
+from armadico.core.membership import agent_of
 from armadico.core.messages import (
     Ack,
     Ballot,
@@ -33,7 +34,7 @@ from armadico.mobile.behaviour import LOST_M
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import MissionState, MissionStatus, Pose, Truth
 from armadico.mobile.swept_path import Outline
-from armadico.observe.view import agent_of, driver
+from armadico.observe.view import driver
 from armadico_tools.faults.fault_types import (
     AGAIN_S,
     KINDS,
@@ -137,6 +138,8 @@ class Bounds:
     drift_rad_m: float = 0.0  # of the heading, rad per metre
     turn_error: float = 0.0  # of a turn, rad per rad
     outline: Outline = OUTLINE
+    coordination: str = ""  # the mechanism, if it is not ballots
+    margin: float | None = None  # by which a bid must be better to take over; None: the resource's
     walls: tuple[Segment, ...] = ()  # of the world, for the places of contacts
     world: World | None = None
 
@@ -209,10 +212,6 @@ class Owner:
     acked_at: float = -inf
     obeyed_at: float = -inf  # when an ack last showed a recent command obeyed
     ordered: Ordered | None = None
-
-    def age(self, cycle: Cycle) -> float:
-        """The number of cycles before the newest; inf in another epoch."""
-        return age(cycle, None if self.state is None else self.state.cycle)
 
     def driven(self) -> bool:
         """Whether a command is obeyed, by the newest ack."""
@@ -325,7 +324,10 @@ class Faults:
     free_since: float = inf  # inf while a fault or a stop excuses the robot from moving
     healed_at: float = -inf  # end of the last excuse
     hindered_at: float = -inf  # when the last fault that excuses from outcomes ended
-    waits_since: float = inf  # when the first order was written that no other has followed yet
+    waits_since: float = inf  # when the first order was written that has not arrived
+    slowest: tuple[float, float] = (inf, inf)  # |v| and |w| of the orders since
+    written: tuple[float, float] = (inf, inf)  # of the newest order
+    arrived: tuple[float, float] = (inf, inf)  # of the newest that arrived; inf: not observed
     unable_until: float = -inf  # until when a robot that could not act may still be braking
     unable_why: str = ""
     again_at: float = -inf  # when a robot agent that was refused, and is absent, tries again
@@ -369,27 +371,35 @@ class Faults:
         rested = ended <= rested_at < now  # the cause of the rest is over, too
         return f"{JUST_AFTER}{why}" if now - ended < OVER_S and not rested else ""
 
-    def on_order(self, now: float) -> None:
+    def on_order(self, order: Ordered, now: float) -> None:
         """Process that an order was written to the line."""
         self.waits_since = min(self.waits_since, now)
+        self.written = v, w = abs(order.v), abs(order.w)
+        self.slowest = min(self.slowest[0], v), min(self.slowest[1], w)
 
     def on_arrival(self, now: float, stops_in_s: float) -> None:
         """Process that an order has arrived at the controller."""
         self._recovers(now, stops_in_s)
-        self.waits_since = inf
+        self.waits_since, self.slowest, self.arrived = inf, (inf, inf), self.written
 
     def _recovers(self, now: float, stops_in_s: float) -> None:
         if why := self._line_fails(now):
             self.unable_until, self.unable_why = now + stops_in_s, why
 
     def _line_fails(self, now: float) -> str:
-        """The fault by which no order has arrived for as long as acting may take; "" if one did."""
+        """The fault by which an order to go slower has not arrived for as long as acting may take.
+
+        "" if it did, or if the robot agent ordered none: then the line has prevented nothing.
+        """
+        slower = (new < old for new, old in zip(self.slowest, self.arrived, strict=True))
+        if not any(slower):
+            return ""
         kinds = [fault for fault in self.active if now - self.waits_since > STOPS_S]
         whys = (voided(f.kind, f.amount).get(Promise.COLLISION, "") for f in kinds)
         return next(filter(None, whys), "")
 
     def unable(self, now: float) -> str:
-        """Why the robot cannot act on what its sensors read, or could not just before; "" if not.
+        """Why the robot's braking does not arrive, or did not just before; "" if it does.
 
         Just before: until it has braked, if an obstacle was within its stopping distance.
         """
@@ -445,7 +455,7 @@ class Record:
             self.faults.excuse(self.now, stopped=self.owner.stopped())
         elif isinstance(seen, Ordered):
             self.owner.ordered = seen
-            self.faults.on_order(self.now)
+            self.faults.on_order(seen, self.now)
             self.kept.orders.append((self.now, seen))
         elif isinstance(seen, Arrived):
             self.faults.on_arrival(self.now, self.body.stops_in_s(self.bounds))
@@ -474,7 +484,7 @@ class Record:
         return self.faults.voids(promise, self.now, self.body.rested_at)
 
     def unable(self) -> str:
-        """Why the robot cannot act on what its sensors read, in words; "" if it can."""
+        """Why an order of the robot agent to go slower has no effect, in words; "" if it has."""
         return self.faults.unable(self.now)
 
     def nonsense_in_vain(self, most: float) -> bool:

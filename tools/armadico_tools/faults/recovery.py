@@ -35,6 +35,7 @@ class CommandObeyed:
     """In a whole network a command is obeyed within 5 s, if an agent bids without a stop."""
 
     promise = Promise.OBEYED
+    on = (Observation,)
 
     def __init__(self, bounds: Bounds) -> None:
         self._obeyed_s = bounds.obeyed_s
@@ -69,6 +70,7 @@ class Moves:
     """
 
     promise = Promise.MOVES
+    on = (Observation,)
 
     def __init__(self, bounds: Bounds) -> None:
         self._bounds = bounds
@@ -155,6 +157,7 @@ class Remembered:
     """A mission is not forgotten. The auditor judges whether it arrives in time."""
 
     promise = Promise.ARRIVES
+    on = (Observation,)
 
     def __init__(self) -> None:
         self._under_way = False
@@ -182,6 +185,7 @@ class Goes:
     """A mission's path ends at the goal that was asked for."""
 
     promise = Promise.REACHED
+    on = (Asked, Trajectory)
 
     def __init__(self) -> None:
         self._asked: Asked | None = None

@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar
 
 from msgspec import Struct, json, structs
 
+from armadico.cli.pool import Pool
 from armadico.observe.conditions import source_hash
-from armadico_tools.command_options import over
+from armadico_tools import series
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.excuses import Strict
 from armadico_tools.faults.fault_types import Promise
+from armadico_tools.faults.monitored import Monitored
 from armadico_tools.faults.plan import Case, Outcome
 from armadico_tools.faults.shrink import Shrinker
 from armadico_tools.faults.sightings import Sight
@@ -45,6 +47,7 @@ class Only(NamedTuple):
     scenario: str | None = None
     robot: str | None = None
     variant: str | None = None
+    coordination: str | None = None
 
 
 EVERYTHING: Final = Only()
@@ -54,8 +57,9 @@ EVERYTHING: Final = Only()
 class Task:
     """One seed, for a worker process.
 
-    `calm`: without its faults; `strict`: judged without each excuse, too. With a planted defect the
-    run ends at the first promise that is broken.
+    `calm`: without its faults; `strict`: judged without each excuse, too; `monitored`: judged by
+    the monitor's auditor alone. With a planted defect the run ends at the first promise that is
+    broken.
     """
 
     seed: int
@@ -64,6 +68,7 @@ class Task:
     planted: str = ""
     calm: bool = False
     strict: bool = False
+    monitored: bool = False
 
     def run(self) -> Outcome:
         """Draw the seed's case, and run it."""
@@ -71,7 +76,8 @@ class Task:
         faults = () if self.calm else case.faults
         case = structs.replace(case, planted=self.planted, faults=faults)
         until = frozenset(Promise) if self.planted else frozenset()
-        return run(case, until, Strict if self.strict else Checker)
+        checker = Monitored if self.monitored else Strict if self.strict else Checker
+        return run(case, until, checker)
 
 
 @dataclass
@@ -95,6 +101,7 @@ class Summary:
     variants: dict[str, Summary] = field(default_factory=dict)  # the same of each variant
     nested: bool = False  # whether it is that of a variant
     narrowed: bool = False  # whether only some kinds were selected
+    unchecked: dict[Promise, str] = field(default_factory=dict)  # by the mechanism; what of each
     figures: dict[str, list[dict[str, float]]] = field(default_factory=dict)  # by kind of trial
     failed: dict[str, list[str]] = field(default_factory=dict)  # errors of trials, by kind
 
@@ -122,6 +129,11 @@ class Summary:
         if not self.nested and not outcome.kind:
             part = self.variants.setdefault(outcome.case.variant, Summary(nested=True))
             part.add(outcome)
+
+    def count(self, promise: Promise) -> int | None:
+        """How often a promise was broken; None: none of it was checked."""
+        found = self.violations[promise.name]
+        return None if not found and self.unchecked.get(promise) == "" else found
 
     def reached_per_hour(self) -> float:
         """Missions reached in an hour of simulation."""
@@ -166,7 +178,8 @@ class Summary:
             "needed": self.needed,
             "sights": {sight.name: self.sights[sight.name] for sight in Sight},
             "never": [sight.name for sight in missing(self)],
-            "violations": {promise.name: self.violations[promise.name] for promise in Promise},
+            "violations": {promise.name: self.count(promise) for promise in Promise},
+            "not_checked": {promise.name: what for promise, what in self.unchecked.items()},
             "broken": [
                 {
                     "seed": o.case.seed,
@@ -270,7 +283,7 @@ def kept(
     path: Path,
     function: Callable[[T], R],
     tasks: Sequence[T],
-    processes: int,
+    where: int | Pool,
     done: Callable[[T, R], None],
     new: Callable[[T, R], None] = lambda _task, _result: None,
 ) -> bool:
@@ -280,7 +293,7 @@ def kept(
     not have. Returns False if it was interrupted. Raises OSError if the file cannot be used.
     """
     stored = Kept(path, function, source_hash(*sorted(Path(__file__).parent.glob("*.py"))))
-    known = stored.read(list(map(repr, tasks)))
+    known, missing = series.known(stored, tasks, repr)
     for at, result in known.items():
         done(tasks[at], result)
 
@@ -289,8 +302,7 @@ def kept(
         new(task, result)
         done(task, result)
 
-    missing = [task for at, task in enumerate(tasks) if at not in known]
-    return over(function, missing, processes, "seeds", keep)
+    return series.over(function, [tasks[at] for at in missing], where, "seeds", keep)
 
 
 def smallest(

@@ -154,6 +154,24 @@ def among(
     return found
 
 
+def check_coordination(
+    coordination: str,
+    variants: Sequence[Variant],
+    scenario: str | None = None,
+    robot: str | None = None,
+) -> None:
+    """Raises ConfigError if a mechanism cannot decide in one of the variants."""
+    for one in variants:
+        drawn = robot or one.robots[0]
+        where = scenario or next(name for name in one.scenarios if drivable(name, drawn))
+        case = Case(0, where, 1.0, (), variant=one.name, robot=drawn, coordination=coordination)
+        try:
+            scenario_of(case)
+        except ConfigError as error:
+            text = f"the variant {one.name!r} is one that may be drawn (--variant chooses one)"
+            raise ConfigError(f"{error}; {text}") from None
+
+
 def case_of(
     seed: int,
     lasts: float,
@@ -161,6 +179,7 @@ def case_of(
     scenario: str | None = None,
     robot: str | None = None,
     variant: str | None = None,
+    coordination: str | None = None,
 ) -> Case:
     """The case of a seed: variant, scenario, robot, company and faults, for so many s.
 
@@ -180,6 +199,7 @@ def case_of(
         variant=one.name,
         robot=drawn,
         charge=round(rng.uniform(*one.charge), 3),
+        coordination=coordination or "",
     )
     ready, options = scenario_of(case)
     people = _people(rng, ready, rng.choice(one.people))
@@ -219,6 +239,7 @@ def scenario_of(case: Case) -> tuple[Scenario, Options]:
         margin=case.variation.margin,
         sensors=case.sensors,
         besides=besides,
+        coordination=case.coordination or None,
     )
     moving = (*scenario.moving, *_company(case, scenario))
     scenario = replace(scenario, moving=() if scenario.others else moving)

@@ -109,7 +109,14 @@ class Workload:
         scenario, options = scenario_of(case)
         serial = load_profile(scenario.robot).section == "p2os"
         skew_s = 0.0 if serial else SKEW_S
-        self.checker = checker(replace(bounds_of(scenario), skew_s=skew_s))
+        self.checker = checker(
+            replace(
+                bounds_of(scenario),
+                skew_s=skew_s,
+                coordination=case.coordination,
+                margin=varied.margin,
+            )
+        )
         self._clocks = Random(f"clocks/{case.seed}")
         ties = Random(f"ties/{case.seed}") if varied.ties else None
         self.rehearsal = Rehearsal(

@@ -83,13 +83,18 @@ function choose(name) {
   chosen = name;
   sessionStorage.setItem("robot", name);
   plan.choose(name);
+  askedFor(null);
+  $("asks").hidden = !here().still.rehearses;
   rows($("mission"), [], () => "", () => {});
+  const places = (here().still.places ?? []).map(([name]) => node("option", { value: name, textContent: name }));
+  $("place").replaceChildren(node("option", { value: "", textContent: "..." }), ...places);
+  $("places").hidden = places.length === 0;
   $("mission").replaceChildren(...(here().still.missions ?? []).map((m) => node("option", { value: m.name, textContent: m.title ? `${m.name}: ${m.title}` : m.name })));
   tabs();
   draw({ ...empty, ...here().parts });
 }
 
-const empty = { body: null, motion: {}, stop: {}, mission: {}, wheels: { contenders: [] }, resources: [], exchanges: [], agents: [], board: [], log: [], could: [], standing: null, hand: {}, parameters: [], slam: null };
+const empty = { body: null, motion: {}, stop: {}, mission: {}, wheels: { contenders: [] }, resources: [], exchanges: [], agents: [], board: [], log: [], could: [], approvals: [], standing: null, hand: {}, parameters: [], slam: null };
 
 function tabs() {
   $("robots").hidden = robots.size < 2;
@@ -103,7 +108,7 @@ function tabs() {
 
 // Drawing ----------------------------------------------------------------------------------------
 
-const drawers = { motion: vitals, stop: latch, standing: why, wheels: contest, resources: others, exchanges, agents, could: agents, board, log, hand, parameters, slam };
+const drawers = { motion: vitals, stop: latch, standing: why, wheels: contest, resources: others, exchanges, agents, could: agents, approvals, board, log, hand, parameters, slam };
 
 function draw(parts) {
   for (const name of Object.keys(parts)) if (name !== "exchanges") drawers[name]?.();
@@ -243,6 +248,17 @@ function agents() {
     ...(kept || !known.length ? [] : ["These agents are not supervised: an agent that ends is not restarted. armadico up starts supervised agents. "]),
     ...could.flatMap((name, i) => [i ? " " : "Can be started: ", node("button", { textContent: name, ariaLabel: `Start ${name}`, onclick: () => request({ do: "start", agent: name }) })]),
   );
+}
+
+function approvals() {
+  const found = here().parts.approvals ?? [];
+  $("approvals").hidden = !found.length;
+  rows($("asking"), found, (a) => a.code, (child, a) => {
+    const answer = (choice, words) => node("button", { textContent: words, ariaLabel: `${words} to ${a.by}: ${a.what}`, onclick: () => request({ do: "approve", code: a.code, choice }) });
+    child.replaceChildren(node("div", { class: "row" },
+      node("span", { class: "grow" }, node("b", { textContent: a.by }), ` asks for ${a.what}`, node("br"), node("small", { textContent: `${a.why}; ${a.left} s left` })),
+      answer("yes", "Yes"), answer("no", "No"), answer("always", "Always here")));
+  });
 }
 
 function board() {
@@ -390,7 +406,40 @@ addEventListener("keydown", (event) => {
 }, { capture: true });
 addEventListener("keyup", (event) => event.code === "Space" && !$("door").open && event.preventDefault(), { capture: true });
 
+// With "ask first" a goal is rehearsed, and the robot goes there after a second yes.
+let asked = null; // the goal whose rehearsal is shown or under way
+
+function askedFor(goal, says = "", fan = []) {
+  asked = goal;
+  plan.fan = fan;
+  plan.dirty();
+  put($("says"), says);
+  $("rehearsed").hidden = !goal;
+}
+
 async function goto(goal) {
+  if (!$("ask").checked || $("asks").hidden) return drive(goal);
+  const robot = chosen;
+  plan.aim({ ...goal, state: "sent" });
+  askedFor(goal, "Driving there virtually ...");
+  const reply = await link.request({ do: "rehearse", robot, ...goal });
+  if (asked !== goal) return;
+  askedFor(goal, reply.text, reply.more?.paths ?? []);
+  $("rehearsed").className = reply.ok ? reply.more.answer : "unknown";
+  $("godo").focus();
+}
+
+$("godo").addEventListener("click", () => {
+  const goal = asked;
+  askedFor(null);
+  drive(goal);
+});
+$("gonot").addEventListener("click", () => {
+  askedFor(null);
+  plan.aim(null);
+});
+
+async function drive(goal) {
   const aimed = { ...goal, state: "sent" };
   plan.aim(aimed);
   const reply = await request({ do: "go", ...goal });
@@ -405,6 +454,15 @@ plan.addEventListener("aim", ({ detail }) => {
   $("goa").value = detail.theta === null ? "" : degrees(detail.theta);
 });
 plan.addEventListener("follow", ({ detail }) => $("follow").setAttribute("aria-pressed", detail));
+// A place by its name fills in its pose, so that it is seen before the robot goes.
+$("place").addEventListener("change", () => {
+  const found = (here().still.places ?? []).find(([name]) => name === $("place").value);
+  if (!found) return;
+  const [, x, y, theta] = found;
+  $("gox").value = x.toFixed(2);
+  $("goy").value = y.toFixed(2);
+  $("goa").value = theta === null ? "" : degrees(theta);
+});
 $("go").addEventListener("submit", (event) => {
   event.preventDefault();
   const [x, y, a] = ["gox", "goy", "goa"].map((id) => number($(id).value));
@@ -452,6 +510,9 @@ for (const tab of all) {
     next.focus();
   });
 }
+
+$("ask").checked = localStorage.getItem("ask") === "1";
+$("ask").addEventListener("change", () => localStorage.setItem("ask", $("ask").checked ? "1" : "0"));
 
 // Light or dark: the system's setting, until the button is used.
 const system = matchMedia("(prefers-color-scheme: dark)");

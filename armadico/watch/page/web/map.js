@@ -16,6 +16,7 @@ export class Plan extends EventTarget {
     this.chosen = "";
     this.robots = new Map(); // by namespace: {still, parts, trail, grid}
     this.target = null; // {x, y, theta or null, state}
+    this.fan = []; // paths of a rehearsal: {end, points, put}
     this.press = null;
     this.pointers = new Map();
     this.touched = false;
@@ -306,6 +307,7 @@ export class Plan extends EventTarget {
     if (world) this.#walls(world);
     for (const [name, robot] of this.robots) this.#way(name, robot);
     if (this.graphs) for (const robot of this.robots.values()) this.#graph(robot);
+    this.#rehearsed();
     for (const [name, robot] of this.robots) this.#robot(name, robot);
     this.#aimed();
   }
@@ -546,6 +548,32 @@ export class Plan extends EventTarget {
       ctx.textBaseline = "top";
       ctx.fillText(name, px + 9, py + 6);
     }
+  }
+
+  // A cross marks where a virtual robot ended that did not arrive, a square what was put on its way.
+  #rehearsed() {
+    const { ctx, c } = this;
+    for (const { end, points, put } of this.fan) {
+      ctx.strokeStyle = { arrived: c.good, unended: c.soft }[end] ?? c.stop;
+      ctx.lineWidth = 2;
+      ctx.globalAlpha = 0.7;
+      ctx.setLineDash([6, 4]);
+      ctx.beginPath();
+      for (const [i, [x, y]] of points.entries()) ctx[i ? "lineTo" : "moveTo"](...this.screen(x, y));
+      ctx.stroke();
+      ctx.setLineDash([]);
+      if (put) {
+        const [px, py] = this.screen(...put);
+        ctx.strokeRect(px - 5, py - 5, 10, 10);
+      }
+      if (end !== "arrived" && points.length) {
+        const [px, py] = this.screen(...points.at(-1));
+        ctx.beginPath();
+        for (const s of [1, -1]) { ctx.moveTo(px - 4, py - 4 * s); ctx.lineTo(px + 4, py + 4 * s); }
+        ctx.stroke();
+      }
+    }
+    ctx.globalAlpha = 1;
   }
 
   #aimed() {

@@ -30,6 +30,15 @@ if TYPE_CHECKING:
 DEGREE = math.pi / 180
 
 
+def on_a_plant(bench: Bench, profile: P2osRobot) -> Plant:
+    """Give a bench a controller whose motors drive a plant."""
+    ideal = tomllib.loads((files("armadico.configs") / "robots" / "sensors.toml").read_text())
+    plant = Plant(profile, msgspec.convert(ideal["ideal"], SensorProfile), Site(), seeded(1))
+    loops = SpeedLoops(profile.speed_loop, profile.motor.supply_v)
+    bench.controller = Microcontroller(profile, plant, loops)
+    return plant
+
+
 def test_speeds_commanded_while_motors_are_off_are_discarded(bench: Bench) -> None:
     bench.connect(motors=False)
     bench.send(Cmd.VEL, 300)
@@ -55,6 +64,19 @@ def test_linear_and_angular_speed_are_independent(robot: Bench) -> None:
     robot.send(Cmd.VEL, 200)
     robot.watched(2.0)
     assert (robot.plant.v, robot.plant.w / DEGREE) == pytest.approx((0.2, -30), abs=0.01)
+
+
+@pytest.mark.parametrize(("v", "w"), [(0.7, 0.0), (-0.3, 0.0), (0.4, 0.5), (0.0, 1.0)])
+def test_a_robot_that_begins_in_motion_keeps_its_speeds(
+    bench: Bench, profile: P2osRobot, v: float, w: float
+) -> None:
+    plant = on_a_plant(bench, profile)
+    bench.connect()
+    plant.set_speeds(v, w)
+    bench.controller.go_on(v, w)
+    for _ in range(4):
+        bench.watched(0.1)
+        assert plant.speeds == pytest.approx((v, w), abs=0.03)
 
 
 def test_rotate_is_rvel(robot: Bench) -> None:
@@ -89,12 +111,8 @@ def test_move_drives_a_trapezoid_and_ends_on_its_goal(robot: Bench, way: int) ->
 def test_the_servos_bring_the_real_robot_to_its_goal_without_overshoot(
     make: Callable[[P2osRobot], Bench], profile: P2osRobot, cmd: Cmd, value: int
 ) -> None:
-    ideal = tomllib.loads((files("armadico.configs") / "robots" / "sensors.toml").read_text())
-    sensors = msgspec.convert(ideal["ideal"], SensorProfile)
-    plant = Plant(profile, sensors, Site(), seeded(1))
     bench = make(profile)
-    loops = SpeedLoops(profile.speed_loop, profile.motor.supply_v)
-    bench.controller = Microcontroller(profile, plant, loops)
+    plant = on_a_plant(bench, profile)
     bench.connect()
     bench.send(cmd, value)
     goal, track = abs(value * cmd.si), []

@@ -170,6 +170,7 @@ def test_closing_leaves_the_robot_at_rest_and_ready_for_the_next(link: Link) -> 
     assert kinds(link.let_pass(1.0), Connected)
 
 
+@pytest.mark.long(but=("0", "1", "2", "3", "4", "5"))
 @pytest.mark.parametrize("seed", range(20))
 def test_a_robot_at_rest_moves_for_a_drive_and_for_nothing_else(link: Link, seed: int) -> None:
     draws = random.Random(seed)

@@ -8,8 +8,8 @@ nearest points and returns its information (Censi, 2008).
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
+from collections.abc import Callable, Sequence
+from functools import cache, cached_property
 from math import ceil
 from typing import Final, NamedTuple
 
@@ -17,9 +17,9 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from armadico.agents.slam.parameters import Count, Positive
-from armadico.agents.slam.poses import Floats, transformed, turned, wrapped
-from armadico.agents.slam.slices import Sliced
+from armadico.agents.methods.parameters import Count, Positive
+from armadico.agents.methods.poses import Floats, relative, transformed, turned, wrapped
+from armadico.agents.methods.slices import Sliced, finished
 
 Indices = NDArray[np.intp]
 Field = NDArray[np.float32]
@@ -36,8 +36,20 @@ pose along it. 0, 0.01 and 0.02 m were compared on acapulco and intel, and on fl
 LEAST_POINTS: Final = 10
 """With fewer corresponding points there is no match."""
 
+LEAST_MATCHED: Final = 20
+"""A scan with fewer points is not used, and fewer points decide nothing about a map."""
+
+COARSE: Final = 2
+"""Cells from one pose to the next in the first stage of `correlate`."""
+
+DIVE: Final = 24
+"""Best nodes of branch and bound whose descendants give the first bound."""
+
 CHUNK: Final = 1024
 """Candidates that are scored together: bounds the memory."""
+
+WALLS: Final = 200
+"""Points of the map, at about, that are checked to be walls: bounds the time."""
 
 LEVEL_WORK: Final = 1
 """Work of a cell of a level of the pyramid, in look-ups (`slices`)."""
@@ -258,20 +270,14 @@ class LikelihoodField:
         there[there] = self.nearest[rows[there] * self.size + columns[there]] >= 0
         return there
 
-    def score(self, cells: Indices, columns: Indices, rows: Indices) -> Floats:
-        """(c,) the mean value at cells (n, 2) that are shifted by each of c offsets."""
-        low = cells.min(axis=0) + np.array([columns.min(), rows.min()])
-        high = cells.max(axis=0) + np.array([columns.max(), rows.max()])
-        size = self.size
-        if low.min() >= 0 and high.max() < size:
-            flat = cells[:, 1] * size + cells[:, 0]
-            offsets = (rows * size + columns).astype(np.int32)
-            found = self.values.take(flat.astype(np.int32)[None, :] + offsets[:, None])
-            return np.asarray(found.mean(axis=1), dtype=np.float64)
-        x, y = cells[None, :, 0] + columns[:, None], cells[None, :, 1] + rows[:, None]
-        there = self.inside(x, y)
-        found = np.where(there, self.values[np.where(there, y * size + x, 0)], 0.0)
-        return np.asarray(found.mean(axis=1), dtype=np.float64)
+    @cached_property
+    def bound(self) -> Field:
+        """The largest value of each cell and those `COARSE` columns, rows, or both from it."""
+        values = self.values.reshape(self.size, self.size)
+        wide, high = (np.zeros(values.shape, np.float32) for _ in range(2))
+        np.maximum(values[:, :-COARSE], values[:, COARSE:], out=wide[:, :-COARSE])
+        np.maximum(wide[:-COARSE], wide[COARSE:], out=high[:-COARSE])
+        return high
 
     def pyramid(self, depth: int) -> Sliced[list[Field]]:
         """The field, and upper bounds of it: level h has the largest value of 2^h x 2^h cells."""
@@ -328,25 +334,36 @@ def correlate(
     best, score = np.asarray(guess, dtype=np.float64), -1.0
     coarse, fine = p.coarse_angle_resolution, p.fine_angle_resolution
     stages = (
-        (2, window.half, window.half_angle, coarse),
+        (COARSE, window.half, window.half_angle, coarse),
         (1, 2.0 * cell, coarse, fine),
     )
     for stride, half, half_angle, step in stages:
         reach, turns = ceil(half / cell / stride), ceil(half_angle / step)
+        headings = best[2] + np.arange(-turns, turns + 1) * step
+        tree = Tree(field, [field.values, field.bound], points, best, headings)
+        base = best - guess
+
+        def loss(nodes: Indices, base: Floats = base, headings: Floats = headings) -> Floats:
+            x, y = base[0] + nodes[1] * cell, base[1] + nodes[2] * cell
+            off = (x**2 + y**2) / prior.position**2
+            off += ((headings[nodes[0]] - guess[2]) / prior.heading) ** 2
+            taken: Floats = p.variance_penalty * off
+            return taken
+
         offsets = np.arange(-reach, reach + 1) * stride
-        columns, rows = (axis.ravel() for axis in np.meshgrid(offsets, offsets))
-        base, top = best, -np.inf
-        for turn in np.arange(-turns, turns + 1) * step:
-            at = base + np.array([0.0, 0.0, turn])
-            found = field.score(field.cells(transformed(at, points)), columns, rows)
-            x, y = at[0] + columns * cell, at[1] + rows * cell
-            off = ((x - guess[0]) ** 2 + (y - guess[1]) ** 2) / prior.position**2
-            off += ((at[2] - guess[2]) / prior.heading) ** 2
-            rated = found - p.variance_penalty * off
-            index = int(np.argmax(rated))
-            if rated[index] > top:
-                top, score = float(rated[index]), float(found[index])
-                best = np.array([x[index], y[index], at[2]])
+        if stride == COARSE:  # branch and bound; what is beside the window does no harm
+            fours = split(_grid(len(headings), offsets[::2]), 1).reshape(3, 4, -1)
+            upper = finished(tree.score(1, fours[:, 0])) - loss(fours).min(axis=0)
+            some = fours[:, :, np.argsort(-upper, kind="stable")[:DIVE]].reshape(3, -1)
+            top = (finished(tree.score(0, some)) - loss(some)).max()
+            nodes = fours[:, :, upper >= top].reshape(3, -1)
+        else:
+            nodes = _grid(len(headings), offsets)
+        found = finished(tree.score(0, nodes))
+        index = int(np.argmax(found - loss(nodes)))
+        heading, column, row = nodes[:, index].tolist()
+        score = float(found[index])
+        best = np.array([best[0] + column * cell, best[1] + row * cell, headings[heading]])
     return best, score
 
 
@@ -356,6 +373,7 @@ def point_to_line(
     guess: Floats,
     prior: Prior | None = None,
     mean: Floats | None = None,
+    facing: Floats | None = None,
 ) -> Match:
     """Refine a pose: each point moves towards the line through its nearest point of the map.
 
@@ -368,6 +386,8 @@ def point_to_line(
         guess: The pose to begin with.
         prior: How far the mean may be off.
         mean: The pose by odometry (default: the guess).
+        facing: (n, 2) normals of the points, in the robot's frame. A point whose normal is opposed
+            to that of its line is on the other side of a wall, and moves nothing.
     """
     p = field.parameters
     none = Match(guess, np.zeros((3, 3)), 0.0, np.inf)
@@ -379,12 +399,14 @@ def point_to_line(
     information, share, rms = np.zeros((3, 3)), 0.0, np.inf
     for turn in range(p.rounds):
         gate = max(p.inlier_distance, p.smear_radius * (1.0 - turn / p.rounds))
-        at, normals, off = _correspondences(field, transformed(pose, points), gate)
+        at, normals, off, of = _correspondences(field, transformed(pose, points), gate)
         if len(off) < LEAST_POINTS:
             return none
         arm = at - pose[:2]
         jacobian = np.column_stack([normals, normals[:, 1] * arm[:, 0] - normals[:, 0] * arm[:, 1]])
         weights = 1.0 / np.maximum(1.0, np.abs(off) / p.range_deviation)  # Huber
+        if facing is not None:
+            weights[(turned(pose, facing[of]) * normals).sum(axis=1) < 0.0] = 0.0
         scale = p.range_deviation**2 * p.correlation
         weighted = jacobian * weights[:, None]
         information = weighted.T @ jacobian / scale
@@ -404,8 +426,8 @@ def point_to_line(
 
 def _correspondences(
     field: LikelihoodField, points: Floats, gate: float
-) -> tuple[Floats, Floats, Floats]:
-    """Points with a line nearer than the gate, the normals of the lines, and the distances."""
+) -> tuple[Floats, Floats, Floats, Indices]:
+    """Points with a line nearer than the gate, the lines' normals, the distances, the indices."""
     cells = field.cells(points)
     columns, rows = cells[:, 0], cells[:, 1]
     there = field.inside(columns, rows)
@@ -417,7 +439,7 @@ def _correspondences(
     off = ((at - field.points[of]) * normals).sum(axis=1)
     with np.errstate(invalid="ignore"):
         kept = np.abs(off) < gate  # NaN, where no normal is known, is not
-    return at[kept], normals[kept], off[kept]
+    return at[kept], normals[kept], off[kept], np.flatnonzero(hit)[kept]
 
 
 def branch_and_bound(
@@ -450,6 +472,12 @@ def branch_and_bound(
     return Candidate(pose, float(scores[best]), spread)
 
 
+def _grid(turns: int, offsets: Indices) -> Indices:
+    """(3, c) nodes: each turn, with each of the offsets in columns and rows."""
+    axes = np.meshgrid(np.arange(turns), offsets, offsets, indexing="ij")
+    return np.stack([axis.ravel() for axis in axes])
+
+
 def split(nodes: Indices, height: int) -> Indices:
     """The four children of each node, which are squares of 2^height cells."""
     step = 1 << height
@@ -472,8 +500,10 @@ class Tree:
         headings: Floats,
     ) -> None:
         """Prepare for points (n, 2) that are turned at a place by each heading, rad."""
-        places = [np.array([middle[0], middle[1], heading]) for heading in headings]
-        cells = np.stack([field.cells(transformed(place, points)) for place in places])
+        c, s = np.cos(headings)[:, None], np.sin(headings)[:, None]
+        x, y = points.T
+        at = middle[0] + c * x - s * y, middle[1] + s * x + c * y
+        cells = field.cells(np.stack(at, axis=-1))
         self._size, self._levels, self._cells = field.size, levels, cells
         self._flat = (cells[:, :, 1] * field.size + cells[:, :, 0]).astype(np.int32)
         self._low, self._high = cells.min(axis=(0, 1)), cells.max(axis=(0, 1))
@@ -496,8 +526,7 @@ class Tree:
             most: Nodes that are split at once; None: all.
         """
         depth = len(self._levels) - 1
-        grid = np.meshgrid(np.arange(len(self._cells)), offsets, offsets, indexing="ij")
-        nodes = possible(depth, np.stack([axis.ravel() for axis in grid]))
+        nodes = possible(depth, _grid(len(self._cells), offsets))
         scores = yield from self.score(depth, nodes)
         bound = max(least, share * (yield from self.dive(nodes, scores, depth)))
         for height in range(depth - 1, -1, -1):
@@ -536,14 +565,49 @@ class Tree:
     def dive(self, nodes: Indices, scores: Floats, depth: int) -> Sliced[float]:
         """A lower bound of the best score: that of the best descendants of the best nodes."""
         for height in range(depth - 1, -1, -1):
-            best = np.argsort(-scores, kind="stable")[:24]
+            best = np.argsort(-scores, kind="stable")[:DIVE]
             nodes = split(nodes[:, best], height)
             scores = yield from self.score(height, nodes)
         return float(scores.max())
 
 
-def in_world(clouds: list[tuple[Floats, PointCloud]]) -> PointCloud:
+def in_world(clouds: Sequence[tuple[Floats, PointCloud]]) -> PointCloud:
     """Clouds of several poses as one, in the world."""
     points = [transformed(pose, cloud.points) for pose, cloud in clouds]
     normals = [turned(pose, cloud.normals) for pose, cloud in clouds]
     return PointCloud(np.concatenate(points), np.concatenate(normals))
+
+
+def seen(
+    scans: Sequence[tuple[Floats, PointCloud]], points: Floats, origin: tuple[float, float]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """(n,) how many scans passed through points in the world, and how many ended there."""
+    passed, met = np.zeros((2, len(points)), dtype=np.intp)
+    for pose, cloud in scans:
+        there = transformed(relative(pose, np.zeros(3)), points)
+        visible, free = looked_at(cloud, there, origin)
+        passed += free
+        met += visible & ~free
+    return passed, met
+
+
+def through_walls(
+    scans: Sequence[tuple[Floats, PointCloud]],
+    points: Floats,
+    pose: Floats,
+    cloud: PointCloud,
+    origin: tuple[float, float],
+) -> tuple[float, NDArray[np.intp], NDArray[np.intp]]:
+    """The share of the points of a map, drawn by some scans, that another scan looks through.
+
+    People leave many points and no wall: what most of the scans saw through does not count. Also
+    how many of these scans passed through the points of the other, and how many ended there.
+    """
+    there = transformed(relative(pose, np.zeros(3)), points)
+    visible, passes = looked_at(cloud, there, origin)
+    walls = points[passes][:: 1 + np.count_nonzero(passes) // WALLS]
+    ends = transformed(pose, cloud.points)
+    passed, met = seen(scans, np.concatenate([walls, ends]), origin)
+    count = len(walls)
+    solid = float((met[:count] > passed[:count]).mean()) if count else 0.0
+    return share_of(passes, visible, LEAST_MATCHED) * solid, passed[count:], met[count:]

@@ -7,15 +7,15 @@ forgetting, the random one as a factor on the standard deviations that are assum
 
 from __future__ import annotations
 
-from math import hypot
+from math import hypot, sqrt
 from typing import Final
 
 import numpy as np
 from msgspec import Struct
 
-from armadico.agents.slam.parameters import Positive
-from armadico.agents.slam.poses import Floats, wrapped
-from armadico.agents.slam.scan_matching import Prior
+from armadico.agents.methods.parameters import Positive
+from armadico.agents.methods.poses import Floats, wrapped
+from armadico.agents.methods.scan_matching import Prior
 
 BIAS_VARIANCE: Final = (0.1**2, 0.06**2)
 """Of the systematic error of a heading at first: (rad/rad)^2 and (rad/m)^2."""
@@ -54,6 +54,18 @@ class OdometryModel:
         self._bias_covariance = np.diag(BIAS_VARIANCE)
         self._scale, self._scale_variance = 0.0, SCALE_VARIANCE  # of ways
         self._squares = np.array([1.0, 1.0]) / self.parameters.margin**2
+
+    @property
+    def systematic(self) -> tuple[float, float, float]:
+        """What the odometry counts too little: turn (rad/rad), drift (rad/m), way (m/m)."""
+        turning, drift = self._bias.tolist()
+        return turning, drift, self._scale
+
+    @property
+    def deviations(self) -> tuple[float, float, float]:
+        """The standard deviations of these three."""
+        turning, drift = np.sqrt(np.diag(self._bias_covariance)).tolist()
+        return turning, drift, sqrt(self._scale_variance)
 
     @property
     def factors(self) -> tuple[float, float]:
@@ -97,12 +109,13 @@ class OdometryModel:
             ),
         )
 
-    def learn(self, step: Floats, measured: Floats) -> None:
+    def learn(self, step: Floats, measured: Floats, *, position: bool = True) -> None:
         """Take a step whose true motion scan matching has measured.
 
         Args:
             step: By the odometry, not corrected.
             measured: The same by scan matching.
+            position: Whether it tells the position, too, and not the heading alone.
         """
         p = self.parameters
         assumed = self.prior(step, factors=(1.0, 1.0))
@@ -114,11 +127,12 @@ class OdometryModel:
                 off[2] ** 2 / assumed.heading**2,
             ]
         )
-        self._squares += (np.minimum(squares, CLEAR) - self._squares) / p.memory
+        more = (np.minimum(squares, CLEAR) - self._squares) / p.memory
+        self._squares += more if position else more * (0.0, 1.0)
         way = hypot(step[0], step[1])
         if squares[1] < CLEAR:
             self._learn_bias(np.array([step[2], way]), float(off[2]), assumed.heading)
-        if way > 0.05 and squares[0] < CLEAR:
+        if position and way > 0.05 and squares[0] < CLEAR:
             along = float(off[:2] @ predicted[:2]) / max(1e-9, float(np.hypot(*predicted[:2])))
             self._learn_scale(way, along, assumed.position)
 

@@ -1,0 +1,1 @@
+"""The command `armadico rehearse`."""

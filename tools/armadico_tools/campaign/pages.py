@@ -1,0 +1,184 @@
+"""Folders of results: how far they are, and one static page of all of them."""
+
+from __future__ import annotations
+
+import time
+from base64 import b64encode
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from html import escape
+from os.path import relpath
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from armadico.core.config_errors import ConfigError
+from armadico_tools.experiments.runner import ABOUT, FOUND, PROGRESS, About, Progress
+from armadico_tools.falsify.series import Row
+from armadico_tools.faults.series import Ran
+from armadico_tools.results import Result, rows_of
+
+OTHERS: Final[dict[str, tuple[str, type[msgspec.Struct]]]] = {
+    "outcomes.csv": ("seeds of faults", Result),
+    "trials.csv": ("trials of faults", Ran),
+    "falsify.csv": ("seeds of the falsifier", Row),
+}
+"""Files of series that are no experiments: all their rows are results, and nothing there says how
+many were wanted."""
+
+STYLE: Final = """
+body { font: 15px/1.5 sans-serif; max-width: 75em; margin: 2em auto; padding: 0 1em; }
+table { border-collapse: collapse; display: block; overflow-x: auto; }
+td, th { border: 1px solid #bbb; padding: .2em .5em; text-align: left; }
+img { max-width: 100%; }
+"""
+
+
+@dataclass(frozen=True)
+class Series:
+    """The state of one series."""
+
+    name: str
+    folder: Path
+    results: int  # that are kept
+    commit: str = ""
+    part: str = ""  # that is run now, or was when it was interrupted
+    runs: int | None = None  # of that part
+    done: int | None = None
+    left_s: float | None = None  # by its pace
+    finished: bool | None = None  # None: not known
+    lost: int = 0  # results that it had when it was finished
+
+    def __str__(self) -> str:
+        text = f"{self.name}: {self.results} results"
+        if self.lost:
+            text += f", {self.lost} of what it had are lost: the same command makes them again"
+        elif self.finished:
+            text += ", finished"
+        elif self.finished is None:
+            text += ", whether that is all is not known"
+        elif self.runs is None:
+            text += ", not finished: the same command continues"
+        else:
+            text += f", {self.part}: {self.done} of {self.runs}"
+            if self.left_s is not None:
+                text += f", {self.left_s:.0f} s left at this pace"
+        return f"{text}{f', commit {self.commit}' if self.commit else ''}"
+
+    def plain(self) -> dict[str, object]:
+        """The state, for JSON."""
+        return asdict(self) | {"folder": str(self.folder)}
+
+
+def series_in(folder: Path) -> list[Series]:
+    """The series in a folder and the folders in it, by name. Raises ConfigError."""
+    files = (path for name in (ABOUT, *OTHERS) for path in folder.rglob(name))
+    places = sorted({path.parent for path in files})
+    return [one for place in places for one in _series(place)]
+
+
+def _series(folder: Path) -> Iterator[Series]:
+    try:
+        about = msgspec.json.decode((folder / ABOUT).read_bytes(), type=About)
+    except FileNotFoundError:
+        pass
+    except (OSError, msgspec.DecodeError) as error:
+        why = f"{error}: what this series is cannot be known; move it away"
+        raise ConfigError(why, folder / ABOUT) from error
+    else:
+        yield _experiment(folder, about)
+    for name, (what, kind) in OTHERS.items():
+        if (folder / name).is_file():
+            yield Series(f"{folder.name}, {what}", folder, _rows(folder / name, kind))
+
+
+def _experiment(folder: Path, about: About) -> Series:
+    kept = _rows(folder / FOUND, Result)
+    name, commit = folder.name, about.software.commit
+    try:
+        now = msgspec.json.decode((folder / PROGRESS).read_bytes(), type=Progress)
+    except (OSError, msgspec.DecodeError):
+        table = (folder / "table.md").is_file() and not (folder / PROGRESS).exists()
+        if about.results is None:  # of an earlier version, if there is a table
+            return Series(name, folder, kept, commit, finished=None if table and kept else False)
+        # A table alone says nothing: its results may be lost, or some of them.
+        lost = max(about.results - kept, 0)
+        return Series(name, folder, kept, commit, finished=table and not lost, lost=lost)
+    made = kept - now.kept
+    left, elapsed = now.runs - now.known - made, time.time() - now.began
+    left_s = round(elapsed / made * left, 1) if made > 0 else None
+    done = min(now.known + made, now.runs)
+    return Series(name, folder, kept, commit, now.part, now.runs, done, left_s, finished=False)
+
+
+def _rows(path: Path, kind: type[msgspec.Struct]) -> int:
+    """The number of results in a file. Raises ConfigError for a damaged line."""
+    return sum(1 for _ in rows_of(path, kind))
+
+
+# The page -----------------------------------------------------------------------------------------
+
+
+def write(path: Path, found: Sequence[Series]) -> None:
+    """Write the page of these series, with their pictures in it. Raises OSError."""
+    sections = []
+    for one in found:
+        table = one.folder / "table.md"
+        text = (
+            table.read_text(encoding="utf-8")
+            if table.is_file() and one.finished is not False
+            else ""
+        )
+        files = sorted(one.folder.glob("*.csv"))
+        links = (
+            f'<a href="{escape(relpath(file, path.parent))}">{escape(file.name)}</a>'
+            for file in files
+        )
+        body = "\n".join(html_of(text, one.folder))
+        sections.append(
+            f"<section><h1>{escape(one.name)}</h1><p>{escape(str(one))}</p>\n{body}\n"
+            f"<p>For pandas: {', '.join(links) or 'nothing'}</p></section>"
+        )
+    page = (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Results</title>'
+        f"<style>{STYLE}</style></head><body>\n" + "\n<hr>\n".join(sections) + "\n</body></html>\n"
+    )
+    path.write_text(page, encoding="utf-8")
+
+
+def html_of(text: str, folder: Path) -> Iterator[str]:
+    """The Markdown that experiments write: headings, tables, pictures and paragraphs."""
+    for block in text.split("\n\n"):
+        lines = block.strip().splitlines()
+        if not lines:
+            continue
+        first = lines[0]
+        if first.startswith("#"):
+            level = min(len(first) - len(first.lstrip("#")) + 1, 6)
+            yield f"<h{level}>{escape(first.lstrip('# '))}</h{level}>"
+            lines = lines[1:]
+        if lines and lines[0].startswith("|"):
+            yield _table(lines)
+        elif lines and lines[0].startswith("!["):
+            yield _picture(lines[0], folder)
+        elif lines:
+            yield f"<p>{escape(' '.join(lines))}</p>"
+
+
+def _table(lines: Sequence[str]) -> str:
+    rows = [[cell.strip() for cell in line.strip().strip("|").split(" | ")] for line in lines]
+    head = "".join(f"<th>{escape(cell)}</th>" for cell in rows[0])
+    body = "".join(
+        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows[2:]
+    )
+    return f"<table><tr>{head}</tr>{body}</table>"
+
+
+def _picture(line: str, folder: Path) -> str:
+    title, _, name = line.removeprefix("![").rstrip(")").partition("](")
+    try:
+        data = b64encode((folder / name).read_bytes()).decode()
+    except OSError:
+        return f"<p>{escape(name)} is not there</p>"
+    return f'<img alt="{escape(title)}" src="data:image/png;base64,{data}">'
