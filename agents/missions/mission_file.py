@@ -111,14 +111,14 @@ class Mission(Struct, frozen=True):
 
     @property
     def does(self) -> frozenset[str]:
-        """The names of all tasks that it may do, and of its procedures."""
+        """The names of all tasks that it may do."""
         left = [step for procedure in self.procedures.values() for step in procedure.steps]
         found = {self.on_alarm}
         while left:
             step = left.pop()
             found.add(step.do)
             left += step.otherwise
-        return frozenset(found)
+        return frozenset(found - self.procedures.keys() - {""})
 
     def order(self, priority: float | None, by: str) -> MissionOrder:
         """Return the order for it; without a priority the mission's own counts."""

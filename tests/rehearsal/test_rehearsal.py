@@ -475,6 +475,8 @@ def test_map_that_is_not_here_is_unknown(now: Present) -> None:
 
 def test_map_that_slam_makes_is_driven_on(now: Present) -> None:
     """A room of 6 m by 5 m, as far as it was seen: a part of it was not."""
+    pytest.importorskip("armadico.agents.slam")
+    pytest.importorskip("armadico.agents.missions")
     states = np.full((102, 122), FREE, dtype=np.uint8)
     states[[0, -1], :] = states[:, [0, -1]] = OCCUPIED
     states[60:80, 60:80] = 0
@@ -635,6 +637,8 @@ def test_samples_that_never_began_are_of_their_kind(
 @pytest.mark.parametrize(("robot", "speed"), [("pioneer-2dx", 0.7), ("jackal", 0.5)])
 def test_moving_robot_goes_on_at_its_speed(now: Present, robot: str, speed: float) -> None:
     """Nobody brakes it before an agent drives, and then nothing but the ramp does."""
+    if robot == "jackal":
+        pytest.importorskip("armadico.bridge.ros2")
     moving = replace(now, speeds=(speed, 0.0), robot=robot, profile=robot)
     run = Forked(forked(moving, goal=(3.4, 2.6, None)), 1, lambda: False)
     speeds: list[float] = []
@@ -974,6 +978,7 @@ def test_failure_among_things_whose_size_is_not_known_is_unknown() -> None:
 
 
 def test_things_are_vague_by_sonars_and_those_like_people_by_laser(now: Present) -> None:
+    pytest.importorskip("armadico.bridge.ros2")
     pieces = tuple((3.0 + 0.1 * k, 2.6) for k in range(12))
     sonars = forked(replace(now, obstacles=pieces), goal=NEAR)
     laser = forked(replace(now, obstacles=pieces, robot="jackal", profile="jackal"), goal=NEAR)

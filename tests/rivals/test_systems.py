@@ -118,6 +118,7 @@ def test_a_coordination_that_would_decide_nothing_or_beside_another_one_is_refus
 
 
 def test_a_mechanism_for_one_agent_is_refused_only_where_it_decides_beside_another() -> None:
+    pytest.importorskip("armadico.agents.fleet")
     hall, options = load_scenario("fleet"), Options(sets=("giveway.social.coordination=mutex",))
     narrow = structs.replace(hall, world="house", start=(2.0, 2.0, 0.0))
     assert prepared(narrow, options), "mutex decides about passages, not about the wheels"
@@ -127,6 +128,7 @@ def test_a_mechanism_for_one_agent_is_refused_only_where_it_decides_beside_anoth
 
 
 def test_passages_are_not_decided_about_where_the_map_has_none() -> None:
+    pytest.importorskip("armadico.agents.fleet")
     hall, options = load_scenario("fleet"), Options(coordination="mutex")
     with pytest.raises(ConfigError, match=r"mutex: no agent here competes.*passage.*some"):
         prepared(hall, options)

@@ -84,7 +84,7 @@ def test_walls_in_all_directions_tell_nothing() -> None:
 
 def torn(monkeypatch: pytest.MonkeyPatch, *shares: float) -> list[bool]:
     """Whether key scans of which such shares fit those before are torn."""
-    window, fits = Window(load_profile("jackal").wheels), iter(shares)
+    window, fits = Window(load_profile("pioneer-2dx").wheels), iter(shares)
 
     def matched(_local: object, _cloud: object, guess: Floats, *_: object) -> tuple[Match, Prior]:
         return Match(guess, np.eye(3) * 1e4, next(fits), 0.02), Prior(0.05, 0.05)

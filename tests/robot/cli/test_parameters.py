@@ -272,6 +272,8 @@ def test_what_an_agent_did_not_answer_is_unknown_and_not_left_out(
     monkeypatch: pytest.MonkeyPatch,
     words: str,
 ) -> None:
+    if words == "graph":
+        pytest.importorskip("armadico.watch")
     crowd.add(Interface, 0)
     assert cli.main(words.split(" ")) == 0
     mute(crowd, monkeypatch, service_of(ParametersRequest), CARD)
@@ -287,6 +289,8 @@ def test_agents_that_should_be_there_are_missing_in_an_answer_of_all(
     monkeypatch: pytest.MonkeyPatch,
     words: str,
 ) -> None:
+    if words == "graph":
+        pytest.importorskip("armadico.watch")
     here = crowd.goto.identity.host
 
     def wanted(hosts: Hosts) -> int:

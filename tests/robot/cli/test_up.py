@@ -83,6 +83,7 @@ def test_mechanisms_are_checked_as_far_as_this_host_has_the_agents_that_compete(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
+    pytest.importorskip("armadico.agents.rivals")
     table = tmp_path / "lab.toml"
     table.write_text(
         f'[lab1]\nrouter = "tcp/127.0.0.1:7447"\n'

@@ -22,7 +22,6 @@ from armadico.config.lines import line_of
 from armadico.config.loading import Document, convert, document, read_text
 from armadico.config.worlds import World, distance
 from armadico.core.config_errors import ConfigError, ConfigNameError, ConfigValueError, advice
-from armadico.core.discovery import TASKS, installed
 from armadico.core.messages import LARGEST
 from armadico.watch.assistant.policy.area import Area, Place, Polygon, away, wrong_with
 from armadico.watch.assistant.tools import TOOLS
@@ -174,8 +173,8 @@ class Rules:
         return ""
 
     def unbound(self, does: Collection[str]) -> str:
-        """Why a mission with these tasks and procedures is refused; "" if its paths keep them."""
-        other = sorted(each for each in does if each in installed(TASKS) and each not in BOUND)
+        """Why a mission with these tasks is refused; "" if its paths keep them."""
+        other = sorted({*does} - BOUND)
         if not self.bound or not other:
             return ""
         return f"the policy ({self.name}) limits drives, and {', '.join(other)} cannot be limited"
