@@ -29,7 +29,8 @@ from armadico.mobile.messages import (
 )
 from armadico.mobile.scans import message_of, ranges_of
 from tests.robot.robots import described, with_laser
-from tests.slam.worlds import BEARINGS, cast, drifted, ring, square
+from tests.robot.scans import BEARINGS, cast
+from tests.slam.worlds import drifted, ring, square
 
 MAPPED = OnMap(world="sc1")
 PATH = square()

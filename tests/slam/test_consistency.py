@@ -21,7 +21,7 @@ from armadico.agents.slam.pose_graph import Edge
 from armadico.agents.slam.slam import Slam, SlamParameters
 from armadico.agents.slam.states import Mode, Moved, Proof
 from armadico.config.grid_map import FREE, Cells
-from tests.slam.worlds import BEARINGS, cast
+from tests.robot.scans import BEARINGS, cast
 
 HALF = 1.1
 """Of the width of a corridor, m."""

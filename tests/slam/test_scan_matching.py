@@ -23,7 +23,8 @@ from armadico.agents.methods.scan_matching import (
     voxel_filtered,
 )
 from armadico.agents.methods.slices import finished
-from tests.slam.worlds import BEARINGS, cast, ring
+from tests.robot.scans import BEARINGS, cast
+from tests.slam.worlds import ring
 
 P = MatcherParameters()
 HERE = np.array([-3.5, -1.0, 1.5])

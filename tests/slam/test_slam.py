@@ -11,18 +11,8 @@ from armadico.agents.methods.poses import Floats, compose, relative
 from armadico.agents.slam.loop_closure import LoopParameters
 from armadico.agents.slam.pose_graph import GraphParameters, Kernel
 from armadico.agents.slam.slam import Slam, SlamParameters
-from tests.slam.worlds import (
-    BEARINGS,
-    cast,
-    drifted,
-    drive,
-    false_loops,
-    mapped,
-    off,
-    ring,
-    square,
-    twins,
-)
+from tests.robot.scans import BEARINGS, cast, drive
+from tests.slam.worlds import drifted, false_loops, mapped, off, ring, square, twins
 
 PATH = square()
 

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from math import atan2, hypot, pi
+from math import hypot
 from random import Random
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armadico.agents.methods.poses import Floats, compose, relative
 from armadico.agents.slam.slam import Slam, SlamParameters, Update
+from tests.robot.scans import BEARINGS, cast, drive
 
-BEARINGS: Floats = np.radians(np.arange(-135.0, 135.0, 1.5))
 NICHES_LEFT = ((3.0, 4.2), (6.5, 7.4), (11.0, 13.0), (15.5, 16.3))
 NICHES_RIGHT = ((4.6, 5.6), (9.0, 10.5), (14.0, 14.8))
 DEPTH = 0.35
@@ -57,38 +56,6 @@ def twins(apart: float) -> Floats:
     chain([(0.0, -1.0), (-2.0, -1.0), (-2.0, apart + 1.0), (0.0, apart + 1.0)])
     chain([(0.0, 1.0), (0.0, apart - 1.0)])
     return np.array(lines)
-
-
-def cast(walls: Floats, pose: Any, bearings: Floats = BEARINGS) -> Floats:
-    """The range of each ray, m; inf where nothing is."""
-    angles = bearings + pose[2]
-    c, s = np.cos(angles)[:, None], np.sin(angles)[:, None]
-    x1, y1, x2, y2 = walls.T
-    ex, ey = x2 - x1, y2 - y1
-    dx, dy = x1 - pose[0], y1 - pose[1]
-    with np.errstate(all="ignore"):
-        across = c * ey - s * ex
-        far = (dx * ey - dy * ex) / across
-        along = (dx * s - dy * c) / across
-    hit = (far > 0.0) & (along >= -1e-9) & (along <= 1.0 + 1e-9)
-    nearest: Floats = np.where(hit, far, np.inf).min(axis=1)
-    return nearest
-
-
-def drive(corners: list[tuple[float, float]], step: float = 0.34, turn: float = 0.4) -> Floats:
-    """(n, 3) poses on the way from corner to corner."""
-    found: list[tuple[float, float, float]] = []
-    heading: float | None = None
-    for (x, y), (to_x, to_y) in pairwise(corners):
-        to = atan2(to_y - y, to_x - x)
-        if heading is not None:
-            off = (to - heading + pi) % (2 * pi) - pi
-            parts = int(abs(off) / turn) + 1
-            found += [(x, y, heading + off * k / parts) for k in range(1, parts + 1)]
-        heading, count = to, int(hypot(to_x - x, to_y - y) / step)
-        shares = [k / count for k in range(count)]
-        found += [(x + f * (to_x - x), y + f * (to_y - y), to) for f in shares]
-    return np.array(found)
 
 
 def square(rounds: int = 2, half: float = 3.5) -> Floats:

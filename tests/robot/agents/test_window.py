@@ -14,9 +14,9 @@ from armadico.config.profile import load_profile
 from armadico.core.messages import Cycle
 from armadico.mobile.geometry import STOOD
 from armadico.mobile.scans import message_of
-from tests.slam.worlds import cast, drive
+from tests.robot.scans import cast, drive
 
-WHEELS = load_profile("jackal").wheels
+WHEELS = load_profile("pioneer-2dx").wheels
 BEARINGS = np.radians(np.linspace(-135.0, 135.0, 721))
 
 WALL = np.array(
