@@ -28,7 +28,6 @@ from armadico.mobile.messages import FleetAwards, FleetPose, FleetProposals, Pos
 from armadico.mobile.obstacles import Obstacles
 
 Metres = Annotated[float, Meta(gt=0, le=100)]
-Seconds = Annotated[float, Meta(gt=0, le=600)]
 
 PERIOD_S: Final = 0.5  # the cycle of the fleet's passages
 

@@ -48,14 +48,14 @@ WIDE: Final = 400_000
 """Ray ends computed at once, which fit into the processor's caches."""
 
 
-def beams_of(scan: Scan, most: int = BEAMS) -> list[Echo]:
+def beams_of(scan: Scan) -> list[Echo]:
     """Some of a scan's rays with a return, evenly spaced; other rays in each scan.
 
     Raises ValueError if its bytes are not ranges.
     """
     ranges = ranges_of(scan)
     met = np.flatnonzero(np.isfinite(ranges))
-    step = max(1, -(-len(met) // most))
+    step = max(1, -(-len(met) // BEAMS))
     first = scan.number * 7 % step  # 7: consecutive scans do not use neighbouring rays
     return [
         Echo(scan.x, scan.y, scan.bearing + scan.step * ray, float(ranges[ray]))

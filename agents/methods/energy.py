@@ -29,7 +29,6 @@ STANDING_M_S = 0.003
 
 class Energy(Struct, frozen=True):
     joules: float
-    battery_share: float  # of a full battery, 0 to 1
     seconds: float
 
 
@@ -113,4 +112,4 @@ def energy(
         + 0.5 * profile.body.mass_kg * v * v
         + seconds * battery.idle_a * (volts or mean_v)
     )
-    return Energy(joules, joules / (3600.0 * battery.capacity_ah * mean_v), seconds)
+    return Energy(joules, seconds)

@@ -33,6 +33,9 @@ APART_M: Final = 0.01
 a near wall are closer. Their normals would be random, and a bare corridor would seem to fix the
 pose along it. 0, 0.01 and 0.02 m were compared on acapulco and intel, and on floor by a Jackal."""
 
+BEHIND_M: Final = 0.4
+"""A ray that ends nearer behind a point has not passed through it."""
+
 LEAST_POINTS: Final = 10
 """With fewer corresponding points there is no match."""
 
@@ -89,7 +92,6 @@ class Match(NamedTuple):
     pose: Floats
     information: Floats  # (3, 3) of a shift in the world
     inliers: float  # share of all points that lie on a line of the map
-    rms: float  # m, of the points from their lines
 
 
 class Candidate(NamedTuple):
@@ -154,7 +156,7 @@ def _normals(points: Floats, valid: NDArray[np.bool_], ranges: Floats, apart: Fl
 
 
 def looked_at(
-    cloud: PointCloud, points: Floats, origin: tuple[float, float], margin: float = 0.4
+    cloud: PointCloud, points: Floats, origin: tuple[float, float]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """(n,) which points the rays of a scan reach, and which of these they pass through.
 
@@ -162,7 +164,6 @@ def looked_at(
         cloud: Of the scan.
         points: (n, 2) in the robot's frame of the scan, m.
         origin: The scanner in the robot's frame, m.
-        margin: A ray that ends nearer behind a point has not passed through it, m.
     """
     none = np.zeros(len(points), dtype=np.bool_)
     if len(cloud.points) < LEAST_POINTS:
@@ -175,8 +176,8 @@ def looked_at(
     at = np.clip(np.searchsorted(bearings, looks), 1, len(bearings) - 1)
     low, high = bearings[at - 1], bearings[at]
     between = (low <= looks) & (looks <= high) & (high - low < 0.05)
-    visible = between & (np.maximum(reach[at - 1], reach[at]) > away - margin)
-    through = np.minimum(reach[at - 1], reach[at]) > away + margin
+    visible = between & (np.maximum(reach[at - 1], reach[at]) > away - BEHIND_M)
+    through = np.minimum(reach[at - 1], reach[at]) > away + BEHIND_M
     return visible, visible & through
 
 
@@ -390,13 +391,13 @@ def point_to_line(
             to that of its line is on the other side of a wall, and moves nothing.
     """
     p = field.parameters
-    none = Match(guess, np.zeros((3, 3)), 0.0, np.inf)
+    none = Match(guess, np.zeros((3, 3)), 0.0)
     if not len(points):
         return none
     pose = np.array(guess, dtype=np.float64)
     mean = pose.copy() if mean is None else mean
     known = np.diag([1e-3] * 3) if prior is None else prior.information
-    information, share, rms = np.zeros((3, 3)), 0.0, np.inf
+    information, share = np.zeros((3, 3)), 0.0
     for turn in range(p.rounds):
         gate = max(p.inlier_distance, p.smear_radius * (1.0 - turn / p.rounds))
         at, normals, off, of = _correspondences(field, transformed(pose, points), gate)
@@ -418,10 +419,9 @@ def point_to_line(
         pose = pose + step
         pose[2] = wrapped(pose[2])
         share = float(np.count_nonzero(np.abs(off) < p.inlier_distance)) / len(points)
-        rms = float(np.sqrt(np.mean(off**2)))
         if turn > 2 and np.abs(step).max() < 1e-4:
             break
-    return Match(pose, information, share, rms)
+    return Match(pose, information, share)
 
 
 def _correspondences(

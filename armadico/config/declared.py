@@ -121,9 +121,9 @@ def option(
     return field(default=default, metadata={DECLARED: declared})
 
 
-def flag(help: str | None, *flags: str, default: bool = False, **how: Any) -> bool:  # noqa: A002
+def flag(help: str | None, *flags: str, **how: Any) -> bool:  # noqa: A002
     """A field that is a switch."""
-    return option(help, *flags, default=default, **how)
+    return option(help, *flags, default=False, **how)
 
 
 def several(help: str, *flags: str, default: tuple[T, ...] = (), **how: Any) -> tuple[T, ...]:  # noqa: A002

@@ -13,9 +13,9 @@ from msgspec import Struct, inspect
 Path = tuple[str | int, ...]
 
 
-def unknown_field(data: object, value: object, path: Path = ()) -> Path | None:
+def unknown_field(data: object, value: object) -> Path | None:
     """The path of the first key in `data` that the struct `value`, made from it, does not have."""
-    return next(_unknown(data, value, path), None)
+    return next(_unknown(data, value, ()), None)
 
 
 def known_fields(kind: type, path: Sequence[str | int]) -> list[str]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from armadico.core.shared import is_shared, shared
@@ -86,8 +86,8 @@ def topology(
     return Topology(connect=requested or known, socket=here and not requested, door=door)
 
 
-def default_namespace(environ: Mapping[str, str] = os.environ) -> str:
-    return environ.get(NAMESPACE_VARIABLE, DEFAULT_NAMESPACE)
+def default_namespace() -> str:
+    return os.environ.get(NAMESPACE_VARIABLE, DEFAULT_NAMESPACE)
 
 
 def checked_namespace(name: str) -> str:

@@ -155,10 +155,10 @@ class VirtualMesh(Network):
         for each in [key] if key else keys_of(message, guest(sender)):
             self.spread(address(namespace, sender), each, message, None, namespace)
 
-    def publish_bytes(self, data: bytes, key: str, sender: str = CLIENT) -> None:
+    def publish_bytes(self, data: bytes, key: str) -> None:
         """Publish any payload from outside the society."""
         for place, deliver, to in self.routes(DEFAULT_NAMESPACE, key):
-            self.later(sender, place, deliver, to, (key, data))
+            self.later(CLIENT, place, deliver, to, (key, data))
 
     def arrive(self, message: Message, name: str, key: str) -> None:
         """Deliver a late message on a key to an agent now."""

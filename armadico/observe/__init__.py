@@ -1,1 +1,1 @@
-"""Observers of a society: state, explanations, measures, recordings, pictures, dashboard."""
+"""Observers of a society: state, explanations, diagnosis, measures, audits."""

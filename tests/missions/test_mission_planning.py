@@ -647,10 +647,6 @@ def test_queue_suspended_missions_and_alarms_outlive_it_too() -> None:
     ]
 
 
-def test_the_shipped_survey_is_what_the_tests_order() -> None:
-    assert "check-alarm" in SURVEY
-
-
 def test_who_has_enough_already_is_charged_by_the_word() -> None:
     building = Building(battery=Battery(charge=0.95))
     number = building.taken(text('do = "dock", until = 0.5'))

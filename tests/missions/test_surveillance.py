@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import pytest
 
 from armadico.agents.missions.messages import Photo, PlanStep, Subplan, SubplanRequest
-from armadico.agents.missions.planner import Planner, move
+from armadico.agents.missions.planner import Planner
 from armadico.config.scenarios import load_scenario
 from armadico.core.messages import Card, Claim, Message
 from armadico.core.services import Kind, services
@@ -122,15 +122,6 @@ def test_without_any_planner_it_goes_straight_there_and_on() -> None:
     number = in_r1(building)
     building.rings("R21")
     assert building.mission(number).ahead == (*FINAL[:2], *ORIGINAL[3:])
-
-
-class Direct(Planner):
-    """Skips the hall."""
-
-    name = "planner-direct"
-
-    def steps(self, request: SubplanRequest) -> list[PlanStep] | str:
-        return [*request.before, move("R11")]
 
 
 class Broken(Planner):

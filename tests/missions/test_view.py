@@ -12,9 +12,6 @@ from armadico.agents.missions.messages import (
 )
 from armadico.observe.view import View
 
-GOTO, AVOID = "goto-0123456789abcdef", "avoid-0123456789abcdef"
-
-
 # Resources ----------------------------------------------------------------------------------------
 
 

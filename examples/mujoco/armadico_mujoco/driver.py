@@ -19,7 +19,7 @@ MARK, COMMAND = b"\xa5\x5a", b"\xa5\xc3"
 HEAD = struct.Struct("<HHHB")  # counts of both wheels, which wrap; battery, mV; flags
 SPEEDS = struct.Struct("<hhB")  # mm/s, mrad/s, 1: send frames
 BUMPED, CHARGING = 1, 2
-NOTHING_MM, INVALID_MM = 0xFFFF, 0
+NOTHING_MM = 0xFFFF
 
 
 class Frame(NamedTuple):

@@ -111,7 +111,6 @@ class MujocoPlant(Plant):
         self.model = mujoco.MjModel.from_xml_string(model_of(profile, site))
         self.data = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, self.data)
-        self._hull = self.model.geom("hull").id
         self._walls_end = 1 + len(site.walls) + len(site.columns)  # geometry 0 is the floor
         self._noise = np.random.default_rng(rng("laser").getrandbits(64))
         self._dropout = sensors.laser_dropout

@@ -13,7 +13,7 @@ from armadico_tools.explore.picks import Enumerator, Script
 from armadico_tools.explore.recovery import Graph, Never
 from armadico_tools.explore.replay import Run, replay
 from armadico_tools.explore.search import Limits, Search
-from armadico_tools.explore.world import KINDS, Setup, World
+from armadico_tools.explore.world import Setup, World
 from tests.core.joiners import Joiners, Joining
 
 
@@ -195,10 +195,3 @@ def test_what_was_interrupted_claims_nothing(
 def test_the_command_refuses_what_makes_no_sense(arguments: list[str]) -> None:
     with pytest.raises(UsageError):
         model_check.main(arguments)
-
-
-def test_every_kind_is_something_that_can_happen() -> None:
-    world = World(Setup(("0.6", "0.5")))
-    first_words = {event.split()[0] for event in world._events()}
-    assert first_words == {"nothing", "bid", "crash", "hang", "cut", "rise", "stop"}
-    assert {"owner", "fates"} < set(KINDS)

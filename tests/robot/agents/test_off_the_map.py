@@ -87,7 +87,7 @@ def torn(monkeypatch: pytest.MonkeyPatch, *shares: float) -> list[bool]:
     window, fits = Window(load_profile("pioneer-2dx").wheels), iter(shares)
 
     def matched(_local: object, _cloud: object, guess: Floats, *_: object) -> tuple[Match, Prior]:
-        return Match(guess, np.eye(3) * 1e4, next(fits), 0.02), Prior(0.05, 0.05)
+        return Match(guess, np.eye(3) * 1e4, next(fits)), Prior(0.05, 0.05)
 
     monkeypatch.setattr(window.front, "matched", matched)
     ranges = np.full(360, 2000, "<u2").tobytes()

@@ -7,7 +7,7 @@ from math import atan2, pi, tau
 import pytest
 from msgspec import structs
 
-from armadico.agents.driving.seen import Seen, Settings
+from armadico.agents.driving.seen import Seen
 from armadico.agents.methods.geometry import Placed
 from armadico.agents.methods.grid import Grid
 from armadico.core.messages import Cycle
@@ -17,7 +17,6 @@ from armadico.mobile.scans import message_of
 ROOM = [(0.0, 0.0, 6.0, 0.0), (6.0, 0.0, 6.0, 4.0), (6.0, 4.0, 0.0, 4.0), (0.0, 4.0, 0.0, 0.0)]
 KNOWN = Grid(ROOM, (0.0, 0.0, 6.0, 4.0))
 HERE = Placed(2.0, 2.0)
-LONG = Settings().most
 
 
 def ahead(distance: float | None, bearing: float = 0.0) -> Echo:

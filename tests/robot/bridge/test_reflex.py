@@ -23,7 +23,7 @@ from armadico.mobile.scans import message_of
 from tests.robot.bridge.kit import PROFILE
 from tests.robot.bridge.robot_bench import Bench
 
-FRONT, REAR = PROFILE.body.front_m, PROFILE.body.rear_m
+FRONT = PROFILE.body.front_m
 ORIGIN = (0.0, 0.0, 0.0)
 RING = range(len(PROFILE.ring.sonars))
 

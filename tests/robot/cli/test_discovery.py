@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from armadico.core import discovery
-from armadico.core.agent import Agent
 from armadico.core.discovery import AGENTS
 from armadico.core.errors import UnknownNameError
 from armadico.core.installed import load_all
@@ -37,12 +36,6 @@ def third_party(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pat
     monkeypatch.syspath_prepend(tmp_path)
     yield tmp_path
     sys.modules.pop("elsewhere", None)
-
-
-def test_ours_are_found() -> None:
-    found = discovery.installed(AGENTS)
-    assert {"robot", "encoder", "sonar", "goto", "avoid"} <= set(found)
-    assert issubclass(discovery.agent_class("encoder"), Agent)
 
 
 def test_an_agent_of_another_package_is_found_and_not_imported(third_party: Path) -> None:

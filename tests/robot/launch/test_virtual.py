@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
-from itertools import pairwise
 from math import pi
 from pathlib import Path
 
@@ -24,7 +23,7 @@ from armadico.config.scenarios import Scenario, ideal, load_scenario
 from armadico.config.shipped import resource_path
 from armadico.core.agent import Agent
 from armadico.core.discovery import AGENTS, load
-from armadico.core.messages import Ack, Ballot, Log, Message, RobotState, Stop, encode
+from armadico.core.messages import Ack, Log, Message, RobotState, Stop, encode
 from armadico.core.outgoing import EXPIRY_S
 from armadico.core.resources import WHEELS
 from armadico.core.services import services
@@ -37,6 +36,7 @@ from armadico.mobile.messages import MissionState, MissionStatus, Trajectory, Tr
 from armadico.observe.measures import RunWatch
 from armadico.observe.view import driver
 from armadico.runtime.errors import RunFailedError
+from tests.robot.society import ballots_never_go_down
 
 SCENARIOS = ("sc1", "sc2", "sc3", "sc4", "rooms-a", "rooms-b", "house", "offices", "floor")
 EVERYBODY = ("encoder", "sonar", "goto", "avoid", "gothrough", "path-planning", "interface")
@@ -275,16 +275,6 @@ class Faulty:
     def orders_to_move_after(self, when: float) -> list[float]:
         return [at for at, command in self.commands if at > when and _moves(command)]
 
-    def ballots_never_go_down(self) -> None:
-        for before, after in pairwise(self.acks):
-            if before.cycle.epoch == after.cycle.epoch:
-                assert after.cycle > before.cycle
-                assert _rank(after.largest) >= _rank(before.largest)
-        obeyed = [ack for ack in self.acks if ack.obeyed is not None]  # after a release nobody is
-        for before, after in pairwise(obeyed):
-            if before.cycle.epoch == after.cycle.epoch:
-                assert _rank(after.obeyed) >= _rank(before.obeyed)
-
     def _keep(self, _key: str, message: Message, _now: float) -> None:
         if isinstance(message, Ack) and message.resource == WHEELS.name:
             self.acks.append(message)
@@ -306,12 +296,6 @@ def _moves(command: Command) -> bool:
     return command.number in (Cmd.VEL, Cmd.RVEL) and command.value != 0
 
 
-def _rank(ballot: Ballot | None) -> tuple[int, float, bool, str]:
-    if ballot is None:
-        return (-1, 0.0, False, "")
-    return (ballot.term, ballot.utility, ballot.critical, ballot.instance)
-
-
 @pytest.mark.parametrize("name", EVERYBODY)
 def test_any_agent_may_be_killed_the_rest_drive_on_or_the_robot_stops(name: str) -> None:
     run = Faulty()
@@ -328,7 +312,7 @@ def test_any_agent_may_be_killed_the_rest_drive_on_or_the_robot_stops(name: str)
     else:
         assert run.orders_to_move_after(run.mesh.now - STOP_S)
     assert run.truths[-1].collisions == 0
-    run.ballots_never_go_down()
+    ballots_never_go_down(run.acks)
 
 
 @pytest.mark.long
@@ -342,7 +326,7 @@ def test_of_two_of_each_behaviour_whoever_holds_the_wheels_may_be_killed(seed: i
     (holder,) = (node for node in run.mesh.nodes if node.agent.instance == held.instance)
     holder.kill()
     run.finish()
-    run.ballots_never_go_down()
+    ballots_never_go_down(run.acks)
 
 
 @pytest.mark.long(but=("avoid",))
@@ -355,7 +339,7 @@ def test_any_agent_may_hang_and_on_its_return_the_goal_is_reached(name: str) -> 
     assert run.at_rest() == (name in DRIVING)
     run.mesh.node(name).resume()
     run.finish()
-    run.ballots_never_go_down()
+    ballots_never_go_down(run.acks)
 
 
 @pytest.mark.long(but=("encoder",))
@@ -368,7 +352,7 @@ def test_who_was_killed_and_started_again_drives_to_the_goal(name: str) -> None:
     assert run.at_rest()
     run.restart(name)
     run.finish()
-    run.ballots_never_go_down()
+    ballots_never_go_down(run.acks)
 
 
 @pytest.mark.long
@@ -389,7 +373,7 @@ def test_a_new_robot_agent_closes_what_was_left_open_and_the_mission_goes_on() -
     assert run.rehearsal.watch.done
     assert run.truths[-1].collisions == 0
     assert abs(run.truths[-1].x - LINE.goal[0]) <= unseen + 0.15
-    run.ballots_never_go_down()
+    ballots_never_go_down(run.acks)
 
 
 @pytest.mark.long
@@ -452,7 +436,7 @@ def test_a_robot_agent_that_hung_returns_with_zero_speeds_and_drives_to_the_goal
     run.finish()
     first = [command for at, command in run.commands if at >= resumed_at][:2]
     assert first == [decode_command(payload) for payload in Decoder().feed(ZERO)]
-    run.ballots_never_go_down()
+    ballots_never_go_down(run.acks)
 
 
 @pytest.mark.long(but=("sc3-avoid",))
@@ -471,4 +455,4 @@ def test_the_holder_among_walls_may_be_killed_and_nothing_is_touched(
     run.pass_s(10.0)
     assert run.truths[-1].collisions == 0
     assert driver(run.acks[-1]) not in (None, victim) or run.at_rest()
-    run.ballots_never_go_down()
+    ballots_never_go_down(run.acks)

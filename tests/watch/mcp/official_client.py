@@ -41,7 +41,6 @@ approval_rooms = ["C"]
 """
 DONE, REFUSED = "done", "refused"
 WAIT_S = 120
-UP_S = 60.0
 
 
 @dataclass(frozen=True)

@@ -92,10 +92,3 @@ def test_systemd_takes_the_unit_without_a_word(tmp_path: Path) -> None:
         check=False,
     )
     assert (done.returncode, done.stdout + done.stderr) == (0, "")
-
-
-def test_the_unit_starts_the_share_of_the_host_it_is_named_after() -> None:
-    text = UNIT.read_text(encoding="utf-8")
-    assert f"ExecStart={EXECUTABLE} up --host %i $ARMADICO_UP\n" in text
-    assert "Restart=on-failure\n" in text
-    assert "EnvironmentFile=-/etc/armadico/environment\n" in text

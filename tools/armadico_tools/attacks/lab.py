@@ -169,7 +169,7 @@ IN_TURN: Final = (
 """Host and agent, in the order in which they are killed."""
 
 
-def recoveries(folder: Path, floods: tuple[Flood, ...] = FLOODS) -> Iterator[Killed]:
+def recoveries(folder: Path) -> Iterator[Killed]:
     """Kill each agent in turn while the robot drives and a stranger floods the port."""
     with ExitStack() as stack:
         lab = stack.enter_context(Lab(folder, DRIVERS))
@@ -184,7 +184,7 @@ def recoveries(folder: Path, floods: tuple[Flood, ...] = FLOODS) -> Iterator[Kil
         client.settle()
         with lab.client(person()) as driver:
             driver.goto(FAR_M, 0.0, 0.0, direct=True)
-        for flood in floods:
+        for flood in FLOODS:
             with flooding(lab, flood):
                 client.wait_for(lambda: False, SETTLES_S)
                 for host, name in IN_TURN:

@@ -103,8 +103,6 @@ FENCE: Final = (
 )
 """Cylinders below the cells in every world: the sides and the end of the lane."""
 
-_BYTES: Final = -(-ROWS * ROWS // 8)
-
 
 def _of_lines(text: str, path: Path) -> list[BarnWorld]:
     worlds = []

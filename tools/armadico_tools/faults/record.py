@@ -208,7 +208,6 @@ class Owner:
     state_at: float = -inf
     state_gap_s: float = inf  # between the last two states
     ack: Ack | None = None  # the newest of the wheels
-    ack_before: Ack | None = None
     acked_at: float = -inf
     obeyed_at: float = -inf  # when an ack last showed a recent command obeyed
     ordered: Ordered | None = None
@@ -231,7 +230,7 @@ class Owner:
         self.state_gap_s, self.state_at = now - self.state_at, now
 
     def on_ack(self, ack: Ack, now: float) -> None:
-        self.ack_before, self.ack, self.acked_at = self.ack, ack, now
+        self.ack, self.acked_at = ack, now
         if driver(ack) is not None:
             self.obeyed_at = now
 

@@ -127,9 +127,9 @@ class Switch:
         """Connect or disconnect a host; frames on their way to it are lost."""
         (self._off.discard if in_ else self._off.add)(host)
 
-    def links(self, *, of: str | None = None) -> list[Link]:
-        """All links, or those from and to one host."""
-        return [link for link in self._wires if of is None or of in link]
+    def links(self) -> list[Link]:
+        """All links."""
+        return list(self._wires)
 
     def counts(self) -> dict[Link, Count]:
         """The counts of each link that had frames."""
