@@ -55,7 +55,7 @@ BLOCKS: Final = 8
 STUDENT: Final = 2.36
 """Half of a 95 % interval, in deviations that were measured by so many blocks."""
 
-BEFORE: Final = np.array([1.0, 1.0, 10.0, 0.3, 0.3, 0.3, 0.5])
+BEFORE: Final = np.array([1.0, 1.0, 10.0, 0.15, 0.2, 0.15, 0.5])
 """Standard deviations before the first match: x, y, yaw, turns, drift, ways, time."""
 
 SYSTEMATIC: Final = np.array([0.003, 0.003, 0.002, 0.003, 0.001, 0.004, 0.003])
@@ -324,7 +324,9 @@ class _System:
                 break
         values[2] = wrapped(values[2])
         squares = (self.residuals(values, turns) ** 2).sum(axis=1)
-        return float(4.5 * np.log1p(squares / 9.0).sum()), values
+        prior = self.known * values**2
+        cost = 4.5 * np.log1p(squares / 9.0).sum() + 0.5 * (prior.sum() - prior[2])
+        return float(cost), values
 
 
 def _corrected(path: Floats, errors: Floats) -> Floats:

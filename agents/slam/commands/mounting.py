@@ -86,6 +86,15 @@ def run(args: Options) -> int:
         say("note: the odometry is a corrected path: the wheels' errors are those of this path")
     profile = _profile(args, log, say)
     drive = mounting.drive_of(log, log.part(args.over))
+    expected = None if drive is None else _expected(log, drive, profile)
+    if drive is not None and expected is not None and log.cycles and profile is not None:
+        turn = expected.bearing + expected.first - float(drive.mount[2])
+        if abs(_wrap(turn)) > radians(1.0):
+            say(
+                "note: the recorded scans begin at another angle than those of the profile, by"
+                f" {degrees(_wrap(turn)):.0f} degrees: it was changed since, or angle_min_deg is"
+                " not the driver's, and the bearing is wrong by as much"
+            )
     tried = [] if drive is None else mounting.chosen(drive)
     pairs, solution, why = [], None, yes()
     quantities: list[Quantity] = []
@@ -95,12 +104,12 @@ def run(args: Options) -> int:
             pair = mounting.matched(drive, scans)
             pairs += [] if pair is None else [pair]
             step()
-    if drive is None:
+    if drive is None or expected is None:
         why = unknown("the log has no scans of a laser", RECORD)
     elif (solution := mounting.solve(drive, pairs)) is None:
         why = _too_few(len(pairs), len(tried))
     else:
-        quantities = list(_compared(solution, _expected(log, drive, profile), profile))
+        quantities = list(_compared(solution, expected, profile))
     judged = all_of([log.judgement, why, *(one.judgement for one in quantities)])
     lines = "\n".join(proposed(quantities))
     way, turn = (0.0, 0.0) if solution is None else (solution.way, solution.turn)
@@ -149,6 +158,7 @@ class _Expected:
     bearing: float  # rad
     upside_down: bool
     first: float  # the first ray's direction from the bearing, if the rays turn as assumed, rad
+    turned_over: bool  # as the log assumes
 
 
 def _expected(log: Log, drive: Drive, profile: RobotProfile | None) -> _Expected:
@@ -162,9 +172,9 @@ def _expected(log: Log, drive: Drive, profile: RobotProfile | None) -> _Expected
     else:
         first = -0.5 * (drive.rays - 1) * drive.step
     if laser is not None:
-        return _Expected(*laser.place, laser.upside_down, first)
+        return _Expected(*laser.place, laser.upside_down, first, down)
     x, y, bearing = drive.mount.tolist()
-    return _Expected(x, y, _wrap(bearing - first), down, first)
+    return _Expected(x, y, _wrap(bearing - first), down, first, down)
 
 
 def _compared(
@@ -201,7 +211,7 @@ def _compared(
         ("stamps late", "s", 6, 0.0, late, 0.1, 0.05, timed),
     ):
         if at == 5:
-            yield _turned_over(solution.mirrored, expected.upside_down, turning)
+            yield _turned_over(solution.mirrored, expected, turning)
         scale, half = degrees(1.0) if unit.startswith("deg") else 1.0, halves[at]
         shown, judged = f"{scale * half:.2g} {unit}", known
         if known.passed and half > widest:
@@ -215,15 +225,15 @@ def _compared(
             yield Quantity(name, unit, scale * was, measured, scale * half, judged)
 
 
-def _turned_over(mirrored: bool | None, expected: bool, known: Judgement) -> Quantity:
-    """Whether the scanner hangs upside down."""
+def _turned_over(mirrored: bool | None, expected: _Expected, known: Judgement) -> Quantity:
+    """Whether the scanner hangs upside down: its rays go clockwise on the robot."""
     if known.passed and mirrored is None:
         known = unknown("upside_down: the drive does not show it", RECORD)
-    if not known.passed or mirrored is None:
-        return Quantity("upside_down", "", expected, None, None, known)
-    found = expected is not mirrored
-    judged = no(f"upside_down is {found}".lower()) if mirrored else yes()
-    return Quantity("upside_down", "", expected, found, None, judged)
+    was, found = expected.upside_down, expected.turned_over is not mirrored
+    if not known.passed:
+        return Quantity("upside_down", "", was, None, None, known)
+    judged = yes() if found is was else no(f"upside_down is {found}".lower())
+    return Quantity("upside_down", "", was, found, None, judged)
 
 
 def _wrap(angle: float) -> float:
