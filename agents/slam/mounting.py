@@ -61,8 +61,12 @@ BEFORE: Final = np.array([1.0, 1.0, 10.0, 0.15, 0.2, 0.15, 0.5])
 SYSTEMATIC: Final = np.array([0.003, 0.003, 0.002, 0.003, 0.001, 0.004, 0.003])
 """Errors of scan matching that more pairs do not reduce: on corrected logs ways are 1 % short."""
 
-CONTRADICT: Final = 5.0
-"""Residuals this many times larger than assumed: the wheels do not fit to the scans."""
+CONTRADICT: Final = 3.0
+"""Residuals this many times larger than assumed: the wheels do not fit to the scans. It is 0.3 to
+1.2 on logs of real robots."""
+
+MOST: Final = np.array([2.0, 2.0, np.inf, 0.5, 0.5, 0.5, 1.0])
+"""Larger values are not of one drive either."""
 
 SURE: Final = 10.0
 """By how much the robust cost of the other direction of rays is larger, if the direction is
@@ -208,7 +212,7 @@ class Solution:
     deviations: Floats
     mirrored: bool | None  # the rays turn the other way round than assumed; None: not known
     pairs: int
-    spread: float  # of the residuals, as a multiple of what is assumed
+    contradict: bool  # the wheels do not fit to the scans, whatever the values
     way: float  # m, of the pairs,
     turn: float  # rad
     timed: bool  # the time was looked for
@@ -252,7 +256,7 @@ def solve(drive: Drive, pairs: Sequence[Pair]) -> Solution | None:
         np.sqrt(variance + SYSTEMATIC**2),
         mirrored,
         len(pairs),
-        spread,
+        bool(spread > CONTRADICT or (np.abs(values) > MOST).any()),
         float(np.hypot(steps[:, 0], steps[:, 1]).sum()),
         float(np.abs(steps[:, 2]).sum()),
         timed,

@@ -181,14 +181,14 @@ def _compared(
     solution: Solution, expected: _Expected, profile: RobotProfile | None
 ) -> Iterator[Quantity]:
     """Each quantity against what is expected."""
-    from armadico.agents.slam.mounting import CONTRADICT, STUDENT
+    from armadico.agents.slam.mounting import STUDENT
     from armadico.config.profile import WIDE
 
     alpha = WIDE if profile is None else profile.wheels
     x, y, yaw, turns, drift, ways, late = solution.values.tolist()
     halves = (STUDENT * solution.deviations).tolist()
     doubt, degrees_turned = yes(), degrees(solution.turn)
-    if solution.spread > CONTRADICT:
+    if solution.contradict:
         why = "the wheels and the scans contradict each other: slip, jumps, or wrong times"
         doubt = unknown(why, RECORD)
     turning = straight = doubt
