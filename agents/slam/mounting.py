@@ -96,8 +96,7 @@ class Drive:
 
     def at_scans(self, path: Floats, late: float = 0.0) -> Floats:
         """(n, 3) poses at the scans, if their stamps are so late, s."""
-        columns = [np.interp(self.times - late, self.rows, one) for one in path.T]
-        return compose(np.column_stack(columns), self.after)
+        return compose(_at(self.rows, path, self.times - late), self.after)
 
 
 def drive_of(log: Log, readings: Sequence[int]) -> Drive | None:

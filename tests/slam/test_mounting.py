@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from math import cos, hypot, nan, radians, sin
+from math import cos, hypot, nan, pi, radians, sin
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from armadico.agents.slam import mounting
 from armadico.agents.slam.logs.logs import Log, Recorded
 from armadico.config.profile import load_profile
 from armadico.core.messages import Cycle
+from armadico.mobile.geometry import STOOD, Pose2
 from armadico.mobile.messages import Echo, Scan, Sonar
 from armadico.mobile.scans import message_of
 from tests.robot.robots import with_laser
@@ -40,7 +41,7 @@ def driven(seconds: float = 40.0, motion: tuple[float, float] | None = None) -> 
 
 def log_of(
     path: Path,
-    mount: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    mount: Pose2 = STOOD,
     *,
     down: bool = False,
     wheels: tuple[float, float, float] = (1.0, 1.0, 0.0),
@@ -103,7 +104,7 @@ def test_a_log_whose_scanner_is_where_it_is_assumed_agrees(
     ],
 )
 def test_a_scanner_that_is_mounted_in_another_way_is_measured_and_its_lines_are_proposed(
-    mount: tuple[float, float, float],
+    mount: Pose2,
     down: bool,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -192,8 +193,11 @@ def test_a_cut_file_that_lost_its_angles_does_not_pass(
 # Recordings ---------------------------------------------------------------------------------------
 
 
-def recorded(path: Floats, mount: tuple[float, float, float]) -> Log:
-    """A recording of scans that are up to a cycle old, each at its place in the cycle's frame."""
+def recorded(path: Floats, mount: Pose2, believed: Pose2) -> Log:
+    """A recording of scans that are up to a cycle old, each at its place in the cycle's frame.
+
+    The robot agent believes the scanner to be elsewhere.
+    """
     rng, messages, rows = np.random.default_rng(3), [], []
     for row in range(0, len(path) - 5, 5):
         old = int(rng.integers(0, 5)) if row else 0
@@ -203,7 +207,7 @@ def recorded(path: Floats, mount: tuple[float, float, float]) -> Log:
         seen, step = cast(WALLS, laser, ANGLES), float(ANGLES[1] - ANGLES[0])
         angles = (float(ANGLES[0]), step)
         scan = message_of(
-            Cycle(1, row), seen, angles, (0.05, 30.0), mount, since=(x, y, theta), number=row
+            Cycle(1, row), seen, angles, (0.05, 30.0), believed, since=(x, y, theta), number=row
         )
         messages.append(scan)
         rows.append(row // 5)
@@ -220,12 +224,15 @@ def recorded(path: Floats, mount: tuple[float, float, float]) -> Log:
     )
 
 
-def test_the_motion_since_a_scan_that_a_recording_has_in_it_is_taken_out_again() -> None:
+@pytest.mark.parametrize("believed", [(0.2, 0.1, 0.0), (0.0, 0.0, pi / 2)])
+def test_the_motion_since_a_scan_that_a_recording_has_in_it_is_taken_out_again(
+    believed: Pose2,
+) -> None:
     rest = np.tile(driven()[:1], (100, 1))
-    log = recorded(np.vstack([rest, driven()]), (0.2, 0.1, 0.0))
+    log = recorded(np.vstack([rest, driven()]), (0.2, 0.1, 0.0), believed)
     drive = mounting.drive_of(log, range(len(log)))
     assert drive is not None
-    assert drive.mount[:2] == pytest.approx((0.2, 0.1), abs=1e-6)
+    assert drive.mount[:2] == pytest.approx(believed[:2], abs=1e-6)
     pairs = [mounting.matched(drive, scans) for scans in mounting.chosen(drive)]
     solution = mounting.solve(drive, [pair for pair in pairs if pair is not None])
     assert solution is not None
@@ -235,7 +242,7 @@ def test_the_motion_since_a_scan_that_a_recording_has_in_it_is_taken_out_again()
 
 
 def test_a_log_of_sonars_alone_has_no_scans() -> None:
-    log = recorded(driven(5.0), (0.0, 0.0, 0.0))
+    log = recorded(driven(5.0), STOOD, STOOD)
     assert log.readings.kind(0) is Scan
     echoes = Sonar(Cycle(1, 1), 5.0, (Echo(0.0, 0.0, 0.0, 1.0),))
     sonars = Log(*_arrays(log), Recorded((echoes,) * len(log)))

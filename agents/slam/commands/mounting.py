@@ -141,9 +141,12 @@ def _profile(args: Options, log: Log, say: Callable[[str], None]) -> RobotProfil
 
 
 def _too_few(fit: int, tried: int) -> Judgement:
+    from armadico.agents.slam.mounting import LEAST_PAIRS
+
     if not tried:
         return unknown("the robot moved by less than 0.25 m and 15 degrees", RECORD)
-    return unknown(f"only {fit} of {tried} pairs of scans fit on each other", RECORD)
+    what = f"{fit} of {tried} pairs of scans fit on each other; at least {LEAST_PAIRS} are needed"
+    return unknown(what, RECORD)
 
 
 # Comparison ---------------------------------------------------------------------------------------
