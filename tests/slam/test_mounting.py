@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from math import cos, hypot, nan, pi, radians, sin
 from pathlib import Path
 from typing import Any
@@ -148,6 +149,23 @@ def test_a_robot_that_never_turned_tells_nothing_of_the_scanners_place(
         assert quantities[name]["judgement"]["answer"] == "unknown"
         assert "turned" in quantities[name]["judgement"]["reason"]
     assert quantities["bearing_deg"]["measured"] == pytest.approx(0.0, abs=1.0)
+
+
+def test_a_bare_corridor_shows_the_bearing_and_not_the_ways_along_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lines = np.array([[-60.0, -1.0, 60.0, -1.0], [-60.0, 1.2, 60.0, 1.2]])
+    monkeypatch.setattr(sys.modules[__name__], "WALLS", lines)
+    at, path = np.zeros(3), []
+    for t in np.arange(0.0, 40.0, 0.02):
+        path.append(at)
+        at = compose(at, np.array([0.008, 0.0, 0.012 * cos(0.9 * t)]))
+    log = log_of(tmp_path / "log.npz", (0.2, 0.0, 90.0), true=np.array(path))
+    code, _, quantities = told(capsys, log)
+    assert code == 1
+    assert quantities["bearing_deg"]["measured"] == pytest.approx(90.0, abs=1.0)
+    assert quantities["ways"]["judgement"]["answer"] == "unknown"
+    assert quantities["y_m"]["judgement"]["answer"] == "unknown"
 
 
 def test_wheels_and_scans_of_different_drives_contradict_each_other(
