@@ -233,6 +233,9 @@ armadico why --live home.map
 armadico why --live --at 3
 armadico why home.map --at 3 --collision
 armadico localize missing.npz
+armadico mounting missing.npz
+armadico mounting home.map
+armadico mounting home.map --drift 2
 armadico localize home.map --world sc4 --map-from first
 armadico up sc44
 armadico up rouns
