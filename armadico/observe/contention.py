@@ -60,6 +60,11 @@ class Contention:
             for bid in bids:
                 self._bid(bid.resource, bid.cycle, instance, bid.utility)
 
+    @property
+    def arbitrated(self) -> bool:
+        """Whether an arbiter has awarded anything."""
+        return bool(self._arbiters)
+
     def _bid(self, resource: str, cycle: Cycle, instance: str, utility: float | None) -> None:
         wanted = self._bids.setdefault(resource, _Wanted())
         if utility is not None:

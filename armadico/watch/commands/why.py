@@ -345,6 +345,10 @@ def _summary(chronicle: Chronicle, ends: float, namespace: str, began: float) ->
     lines += [f"Not all {what}s are known: {why}." for what, why in unknown.items()]
     if {*mechanisms} - {BALLOTS}:
         lines.append(f"What decided who drives: {', '.join(mechanisms)}.")
+    if chronicle.contention.arbitrated:
+        changes = max(len(chronicle.drives.drives) - 1, 0)
+        times = f"{changes} time{'s' * (changes != 1)}"
+        lines.append(f"An exchange is one of arbiters; by award the driving agent changed {times}.")
     lines += [f"{text[0].upper()}{text[1:]}." for text in chronicle.contention.among(cards)]
     for each in exchanges[:MOST_LISTED]:
         of = "" if each.resource == WHEELS else f" of {each.resource}"
