@@ -129,7 +129,7 @@ def test_a_learnt_set_is_a_file_of_parameters(tmp_path: Path) -> None:
         (["goto", "--world", "maze"], "'maze'.*clutter"),
         (["auction"], "'auction'.*avoid"),
         (["goto", "--utilities", "--only", "goto.p_min"], "leave out --only"),
-        (["goto", "--utilities", "--budget", "50runs"], r"50runs is too small.*utilities.*\d{3}runs$"),
+        (["goto", "--utilities", "--budget", "50runs"], r"50runs is too.*utilities.*\d{3}runs$"),
     ],
 )
 def test_wrong_searches_are_refused(words: list[str], expected: str, tmp_path: Path) -> None:
