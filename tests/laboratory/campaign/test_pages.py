@@ -166,6 +166,16 @@ def ran(commit: str, violations: str = "", **others: object) -> Ran:
     return Ran(commit, 1, "sc4", 60.0, violations=violations, **others)
 
 
+def test_runs_of_no_known_experiment_such_as_of_learning_are_not_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run(tmp_path / "whole", 3)
+    run(tmp_path / "learn" / "goto", 3)
+    (tmp_path / "learn" / "goto" / "about.json").unlink()
+    assert main(["status", str(tmp_path)]) == 3
+    assert "unknown: goto, runs without about.json: 3 results" in capsys.readouterr().err
+
+
 def test_a_broken_promise_of_the_newest_commit_fails_the_series_and_an_older_one_does_not(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -86,7 +86,7 @@ class Series:
 
 def series_in(folder: Path) -> list[Series]:
     """The series in a folder and the folders in it, by name. Raises ConfigError."""
-    files = (path for name in (ABOUT, *OTHERS) for path in folder.rglob(name))
+    files = (path for name in (ABOUT, FOUND, *OTHERS) for path in folder.rglob(name))
     places = sorted({path.parent for path in files})
     return [one for place in places for one in _series(place)]
 
@@ -95,7 +95,9 @@ def _series(folder: Path) -> Iterator[Series]:
     try:
         about = msgspec.json.decode((folder / ABOUT).read_bytes(), type=About)
     except FileNotFoundError:
-        pass
+        if (folder / FOUND).is_file():  # of learning, or of an experiment that has lost its file
+            count = _rows(folder / FOUND, Result)
+            yield Series(f"{folder.name}, runs without {ABOUT}", folder, count)
     except (OSError, msgspec.DecodeError) as error:
         why = f"{error}: what this series is cannot be known; move it away"
         raise ConfigError(why, folder / ABOUT) from error
