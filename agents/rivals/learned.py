@@ -134,6 +134,7 @@ class Learned:
         arbiter: Nobody.
         library: None is needed.
         tuned: Its numbers are learnt, so that it is no arm of a study unless it is named.
+        resource: What it decides about.
     """
 
     about: str
@@ -141,6 +142,7 @@ class Learned:
     arbiter: str = ""
     library: str = ""
     tuned: bool = True
+    resource: Resource = WHEELS
 
     def lacking(self, agents: Mapping[str, Individual]) -> str:
         """Return that no agent has weights: the others would drive as by ballots."""
@@ -155,7 +157,7 @@ class Learned:
         self, resource: Resource, agent: Individual, clock: CycleClock
     ) -> LearnedContender | None:
         """Return the contender's side. Raises ConfigError for weights of another number."""
-        if resource != WHEELS:
+        if resource != self.resource:
             return None
         weights = agent.p.social.utility
         if weights and len(weights) != len(FEATURES):

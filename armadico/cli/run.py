@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
@@ -148,6 +149,10 @@ def drive(args: Drive, scenario: Scenario, chosen: Chosen) -> int:
         _print_json(results, several=args.runs is not None)
     else:
         show(scenario.name, results)
+    told = Counter(result.undecided for result in results)
+    for text in filter(None, told):
+        many = f"{told[text]} of {len(results)} runs: " if len(results) > 1 else ""
+        options.report(f"{scenario.name}: {many}{text}")
     if faults := [fault for _, each in driven for fault in each]:
         raise FailedError("\n".join(faults))
     return exit_code(args, all_of(result.judgement for result in results))

@@ -215,6 +215,7 @@ class RobotRun(Run[RunWatch, Result]):
             self._warn("no agent competes for the wheels, so the robot will not drive")
         self.watch.unaided = self._unaided()
         super().run(progress)
+        self.read_bids()
         if self.watch.mistaken:
             self._warn(self.watch.mistaken)
         return self.watch.result()
@@ -226,6 +227,9 @@ class RobotRun(Run[RunWatch, Result]):
         if unmapped(self.scenario) or load_world(self.scenario.world).outlines:
             return ""
         return " (no walls to localize against; `--sensors ideal` has no drift)"
+
+    def read_bids(self) -> None:
+        """Have the measures learn the bids that agents keep, if that takes no messages."""
 
     def wait(self, seconds: float) -> None:
         self.client.wait_for(lambda: self.watch.done, seconds)

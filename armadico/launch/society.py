@@ -63,6 +63,7 @@ from armadico.launch.options import Options as Options  # noqa: PLC0414 - for im
 from armadico.mobile.errand import Order
 from armadico.mobile.messages import MissionRequest, Waypoint
 from armadico.observe.conditions import Conditions, digest, packages, software
+from armadico.observe.contention import Contention
 from armadico.observe.measures import RunWatch
 from armadico.runtime.blame import attributed
 
@@ -568,7 +569,19 @@ def watch(
 ) -> RunWatch:
     known = conditions(scenario, options, mode, namespace)
     unplaced = scenario.plan == "frontiers" and not load_world(scenario.world).outlines
-    return RunWatch(scenario.name, scenario.goal, options.seed, known, unplaced)
+    found = RunWatch(scenario.name, scenario.goal, options.seed, known, unplaced)
+    found.contention = Contention(mechanisms(known.agents))
+    return found
+
+
+def mechanisms(agents: Mapping[str, Sequence[str]]) -> dict[str, Coordination]:
+    """The mechanisms that agents were started with, by the settings of each; none by ballots."""
+    setting, found = "social.coordination=", dict[str, Coordination]()
+    for sets in agents.values():
+        for each in sets:
+            if each.startswith(setting):
+                found |= coordinations(each.removeprefix(setting))
+    return found
 
 
 def conditions(

@@ -38,6 +38,9 @@ from armadico.mesh.virtual_network import Clock
 from armadico.observe.measures import Result, RunWatch, watched
 from armadico.runtime.blame import attributed
 
+READ_S = 1.0
+"""Period of reading the agents' bids, s; they keep 50, of several seconds."""
+
 SETTLE_S = 1.0
 """Time of the handshake with the controller and the first cycles, on the virtual clock."""
 
@@ -127,6 +130,8 @@ class Rehearsal(RobotRun):
         self._table = hosts
         for name in () if hosts is None else hosts.hosts:
             self.start_host(name)
+        if self.watch.contention.mechanisms:
+            self._read_on()
 
     def enter(self, name: str, *sets: str, host: str = "virtual") -> Node:
         """Let a member of the society join now, again if needed; `sets` are further settings."""
@@ -158,6 +163,17 @@ class Rehearsal(RobotRun):
         clock = None if self._clock is None else self._clock(kind.name)
         line = device or (self.robot if isinstance(agent, DeviceAgent) else None)
         return self.mesh.add(agent, line, clock, waits=waits, namespace=self.namespace)
+
+    def read_bids(self) -> None:
+        """See `RobotRun`. Killed agents have bid, too."""
+        for node in self.mesh.nodes:
+            if node.namespace == self.namespace:
+                self.watch.contention.learn(node.agent.instance, node.agent.kernel.bids)
+
+    def _read_on(self) -> None:
+        if not self.watch.done:
+            self.read_bids()
+        self.mesh.call_at(self.mesh.now + READ_S, lambda _a, _b: self._read_on())
 
     def _on_message(self, _key: str, message: Message, now: float) -> None:
         self.watch.update(message, now)

@@ -23,7 +23,16 @@ from msgspec import Struct
 from armadico.core.hands import release
 from armadico.core.judgement import Judgement, all_of, no, unknown, yes
 from armadico.core.membership import agent_of
-from armadico.core.messages import Ack, Award, Claim, Command, Description, Message, RobotState
+from armadico.core.messages import (
+    Ack,
+    Award,
+    Claim,
+    Command,
+    Description,
+    Message,
+    Proposal,
+    RobotState,
+)
 from armadico.core.resources import WHEELS
 from armadico.core.services import derived
 from armadico.mobile.errand import Errands, Progress
@@ -43,6 +52,7 @@ from armadico.mobile.messages import (
     unseen_m,
 )
 from armadico.observe.conditions import Conditions
+from armadico.observe.contention import Contention
 from armadico.observe.ground_truth import AGAIN, START, GroundTruth
 from armadico.observe.view import View
 
@@ -60,6 +70,7 @@ WATCHED: tuple[type[Message], ...] = (
     RobotState,
     Ack,
     Award,
+    Proposal,
     Pose,
     Sonar,
     Scan,
@@ -98,9 +109,11 @@ class Result(Struct, frozen=True):
     `limit_s` is the time limit if it ended the run. `why` is the reason of a failure, or why the
     robot did not drive at the end. Shares (TG, TA, TGt in the thesis) are by agent, in per cent of
     the cycles in which any agent was obeyed. `unseen_m` is how much of the paths leads through what
-    nobody has seen on the map. Collisions are those of the robot's own motion; they exclude people
-    walking into it. If the truth stopped they are those until then. `judgement` is the conclusion
-    of all this, and `warnings` are the warnings of the run.
+    nobody has seen on the map. `contended` counts the cycles in which two agents wanted what a
+    chosen mechanism decides about, null by ballots and if it is not known, and `undecided` tells of
+    a mechanism that had nothing to decide. Collisions are those of the robot's own motion; they
+    exclude people walking into it. If the truth stopped they are those until then. `judgement` is
+    the conclusion of all this, and `warnings` are the warnings of the run.
     """
 
     scenario: str
@@ -124,6 +137,8 @@ class Result(Struct, frozen=True):
     judgement: Judgement = unknown("nothing was judged")
     warnings: tuple[str, ...] = ()
     unseen_m: float = 0.0
+    contended: int | None = None
+    undecided: str = ""
 
     @property
     def passed(self) -> bool:
@@ -256,6 +271,7 @@ class RunWatch:
     limit: float | None = None
     driven: Driven = field(default_factory=Driven)
     holders: Holders = field(default_factory=Holders)
+    contention: Contention = field(default_factory=Contention)
     clearance: float | None = None
     _frame: Pose2 | None = None  # of the ground truth, if it was aligned
 
@@ -300,6 +316,7 @@ class RunWatch:
             return
         self.now = now
         self.view.learn(message, now)
+        self.contention.update(message)
         if isinstance(message, Truth) and message is self.view.truth:
             self.truth.add(message, now)
         if isinstance(message, Trajectory) and message.waypoints:
@@ -492,6 +509,8 @@ class RunWatch:
             judgement=self.judge(),
             warnings=tuple(self.warnings),
             unseen_m=round(unseen_m(self.unseen), 3),
+            contended=self.contention.least,
+            undecided=self.contention.undecided,
         )
 
     def _goal_measures(self) -> tuple[bool | None, float | None, float | None]:

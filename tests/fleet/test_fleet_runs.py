@@ -12,7 +12,10 @@ from armadico.agents.fleet.commands.view import FleetResult, FleetWatch
 from armadico.agents.fleet.messages import FleetStatus
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.core.config_errors import ConfigError
+from armadico.core.messages import Cycle, Proposal
 from armadico.launch.society import Options
+from armadico.mobile.messages import FleetProposals
+from armadico.observe.contention import Contention
 
 FLEET = load_scenario("fleet")
 SHORT = replace(FLEET, tasks=FLEET.tasks[:1] + FLEET.tasks[9:11], look_s=2.0)
@@ -27,6 +30,23 @@ def test_two_robots_share_the_tasks_and_touch_nothing() -> None:
     assert result.passed, result.verdict
     assert all(row.tasks for row in result.robots)
     assert all(row.way_m > 3.0 for row in result.robots)
+
+
+def test_a_mechanism_for_tasks_that_only_one_robot_wants_has_nothing_to_decide() -> None:
+    class Central:
+        arbiter, resource = "central", "task-"
+
+        def contender(self, *_: Any) -> None:
+            return None
+
+    watch = FleetWatch("fleet", ("r1", "r2"), 1)
+    watch.contention = Contention({"central": Central()})
+    assert "not known" in watch.result().undecided
+    for robot, contended in (("r1", 0), ("r2", 1)):
+        asked = (Proposal("task-0", Cycle(1, 1), robot, 0.5),)
+        watch.update(robot, FleetProposals(robot, robot, Cycle(1, 1), asked), 1.0)
+        assert watch.result().contended == contended
+        assert bool(watch.result().undecided) is not bool(contended)
 
 
 @pytest.mark.long

@@ -19,10 +19,11 @@ from armadico.core.config_errors import ConfigError
 from armadico.core.messages import Message
 from armadico.launch.client import Client
 from armadico.launch.run import Run
-from armadico.launch.society import Options
+from armadico.launch.society import Options, mechanisms, members
 from armadico.launch.virtual import SETTLE_S, Rehearsal
 from armadico.mesh.virtual import VirtualMesh
 from armadico.mobile.messages import FleetAwards, FleetPose, FleetProposals, Waypoint
+from armadico.observe.contention import Contention
 from armadico.runtime.blame import attributed
 from armadico.runtime.errors import AbsentError, MissionRefusedError
 
@@ -109,6 +110,8 @@ class FleetRun(Run[FleetWatch, FleetResult]):
         self.fleet = fleet
         self.clients: dict[str, Client] = {}
         self.watch = FleetWatch(scenario.name, (), len(scenario.tasks), options.seed)
+        sets = {member.name: member.sets for member in members(scenario, options, "")}
+        self.watch.contention = Contention(mechanisms(sets))
 
     @property
     def names(self) -> list[str]:
@@ -172,7 +175,9 @@ class FleetRehearsal(FleetRun):
         ones = robots_of(scenario, robots)
         self.robots: dict[str, Rehearsal] = {}
         for name, one in zip(names_of(fleet, len(ones)), ones, strict=True):
-            self.robots[name] = Rehearsal(one, replace(options, namespace=name), mesh=self.mesh)
+            one_run = Rehearsal(one, replace(options, namespace=name), mesh=self.mesh)
+            one_run.watch.contention = self.watch.contention
+            self.robots[name] = one_run
             self.meet(name, self.robots[name].client)
         first, *others = (rehearsal.robot for rehearsal in self.robots.values())
         try:

@@ -72,6 +72,8 @@ def drive(args: Options, scenario: Scenario, chosen: Chosen) -> int:
         print(json.dumps(msgspec.to_builtins(result)))
     else:
         _table(result, label)
+    if result.undecided:
+        options.report(f"{scenario.name}: {result.undecided}")
     if faults:
         raise options.FailedError("\n".join(faults))
     return exit_code(args, result.judgement)

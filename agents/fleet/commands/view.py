@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import hypot, inf
 from typing import Final
@@ -10,8 +11,9 @@ from msgspec import Struct
 
 from armadico.agents.fleet.messages import FleetClaims, FleetStatus
 from armadico.core.judgement import Judgement, all_of, no, unknown, yes
-from armadico.core.messages import Description, Message
+from armadico.core.messages import Award, Description, Message, Proposal
 from armadico.mobile.messages import FleetAwards, FleetPose, FleetProposals, Truth
+from armadico.observe.contention import Contention
 from armadico.observe.ground_truth import GroundTruth
 from armadico.observe.view import View
 
@@ -31,8 +33,11 @@ class FleetResult(Struct, frozen=True):
     `unreachable` are tasks that every robot has given up. `makespan_s` is the time from accepting
     the list until the last task was done; null if some were not. `twice` are tasks done by two
     robots, `unsure` those of which it is unknown whether the robot was there, by the deviation of
-    its pose. `messages` is the number of messages for sharing, without poses, per task. `judgement`
-    is the conclusion: without the truth of each robot nobody knows whether one touched anything.
+    its pose. `contended` counts the cycles in which two robots, or two agents of one, wanted what a
+    chosen mechanism decides about, null by ballots and if it is not known; `undecided` tells of a
+    mechanism that had nothing to decide. `messages` is the number of messages for sharing, without
+    poses, per task. `judgement` is the conclusion: without the truth of each robot nobody knows
+    whether one touched anything.
     """
 
     scenario: str
@@ -48,6 +53,8 @@ class FleetResult(Struct, frozen=True):
     unreachable: tuple[int, ...] = ()
     unsure: tuple[int, ...] = ()
     judgement: Judgement = unknown("nothing was judged")
+    contended: int | None = None
+    undecided: str = ""
 
     @property
     def passed(self) -> bool:
@@ -106,6 +113,7 @@ class FleetWatch:
     note: str = ""
     lost: str = ""  # why the run could not be watched until its end
     status: dict[str, FleetStatus] = field(default_factory=dict)
+    contention: Contention = field(default_factory=Contention)
     _status_at: dict[str, float] = field(default_factory=dict)  # each robot's last status
     # The tasks that each robot has given up, and the time of that message.
     _given_up: dict[str, tuple[float, frozenset[int]]] = field(default_factory=dict)
@@ -135,6 +143,8 @@ class FleetWatch:
             self._follow(message)
             return
         one = self._one(robot)
+        for each in _bids(message):
+            self.contention.update(each)
         if isinstance(message, FleetStatus):
             self.status[robot], self._status_at[robot] = message, now
         elif isinstance(message, FleetClaims):
@@ -246,6 +256,8 @@ class FleetWatch:
             unreachable=self.unreachable,
             unsure=tuple(sorted(self._unsure)),
             judgement=self.judge(),
+            contended=self.contention.least,
+            undecided=self.contention.undecided,
         )
 
     def judge(self) -> Judgement:
@@ -276,6 +288,13 @@ class FleetWatch:
         return RobotRow(name, tuple(one.tasks), way, touched, bumped, clearance)
 
 
+def _bids(message: Message) -> Sequence[Message]:
+    """What a message of a robot tells of its agents' bids."""
+    if isinstance(message, FleetProposals):
+        return message.proposals
+    return message.claims if isinstance(message, FleetClaims) else (message,)
+
+
 # The messages that a `FleetWatch` needs.
 FLEET_WATCHED: tuple[type[Message], ...] = (
     FleetStatus,
@@ -283,6 +302,8 @@ FLEET_WATCHED: tuple[type[Message], ...] = (
     FleetPose,
     FleetProposals,
     FleetAwards,
+    Proposal,
+    Award,
     Truth,
     Description,
 )

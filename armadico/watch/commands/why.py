@@ -339,11 +339,17 @@ def _summary(chronicle: Chronicle, ends: float, namespace: str, began: float) ->
     counted = {"exchange": len(exchanges), "stop": len(presses), "collision": len(collisions)}
     unknown = chronicle.unknown
     totals = [_total(what, number, exact=what not in unknown) for what, number in counted.items()]
-    mechanisms = deciding(chronicle.view.cards.values())
+    cards = chronicle.view.cards.values()
+    mechanisms = deciding(cards)
     lines = [f"{ends:.1f} s, {', '.join(totals)}."]
     lines += [f"Not all {what}s are known: {why}." for what, why in unknown.items()]
     if {*mechanisms} - {BALLOTS}:
         lines.append(f"What decided who drives: {', '.join(mechanisms)}.")
+    if chronicle.contention.arbitrated:
+        changes = max(len(chronicle.drives.drives) - 1, 0)
+        times = f"{changes} time{'s' * (changes != 1)}"
+        lines.append(f"An exchange is one of arbiters; by award the driving agent changed {times}.")
+    lines += [f"{text[0].upper()}{text[1:]}." for text in chronicle.contention.among(cards)]
     for each in exchanges[:MOST_LISTED]:
         of = "" if each.resource == WHEELS else f" of {each.resource}"
         agents = f"{agent_of(each.loser)} -> {agent_of(each.winner)}"

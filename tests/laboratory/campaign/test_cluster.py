@@ -7,7 +7,7 @@ import signal
 import socket
 import sys
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -206,6 +206,22 @@ def test_workers_of_other_versions_are_refused_with_both(
     cluster.check(client(), "--on x")
     with pytest.raises(UsageError, match=expected.replace("+", r"\+")):
         cluster.check(client(**answers), "--on x")
+
+
+def test_a_worker_that_starts_together_with_its_scheduler_is_waited_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    workers: dict[str, Any] = {}
+    found = client(workers=workers)
+    found.wait_for_workers = lambda n, timeout: workers.update({"tcp://w:1": {"nthreads": 1}})
+
+    async def there(_address: str) -> None:
+        return None
+
+    monkeypatch.setattr(cluster, "_scheduler_at", there)
+    monkeypatch.setattr(cluster, "_connected", lambda _to, _given: nullcontext(found))
+    with cluster.dask("127.0.0.1:1", None) as made:
+        assert made is not None
 
 
 def test_an_installed_package_without_a_commit_is_compared_by_its_files() -> None:

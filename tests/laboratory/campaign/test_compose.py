@@ -48,6 +48,20 @@ def test_each_part_is_of_one_image_unprivileged_and_without_a_way_in(
         assert "ports" not in part
 
 
+def test_what_has_no_way_out_is_not_sent_to_another_computer(services: dict[str, Any]) -> None:
+    composed = yaml.safe_load((DEPLOY / "campaign.yaml").read_text(encoding="utf-8"))
+    assert composed["networks"]["cluster"]["internal"]
+    (to,) = (word for word in services["worker"]["command"] if word.startswith("tcp://"))
+    assert to.removeprefix("tcp://").partition(":")[0] in services
+
+
+def test_the_image_has_the_version_of_dask_that_the_laboratory_asks_for() -> None:
+    tools = (ROOT / "tools" / "pyproject.toml").read_text(encoding="utf-8")
+    (asked,) = set(re.findall(r"distributed==[\d.]+", tools))
+    for name in ("cluster.txt", "dev.txt"):
+        assert f"\n{asked} " in (ROOT / "requirements" / name).read_text(encoding="utf-8")
+
+
 def test_the_image_is_made_of_files_that_exist_and_has_the_commands(
     services: dict[str, Any],
 ) -> None:

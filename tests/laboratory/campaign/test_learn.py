@@ -123,13 +123,13 @@ def test_a_learnt_set_is_a_file_of_parameters(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["goto", "--budget", "100runs"], r"100runs too small.*10 numbers.*--budget \d{3}runs"),
+        (["goto", "--budget", "100runs"], r"100runs is too small.*10 numbers.*--budget \d{3}runs"),
         (["goto", "--only", "goto.p"], "goto.p.*goto.p_m"),
         (["goti"], "'goti'.*goto"),
         (["goto", "--world", "maze"], "'maze'.*clutter"),
         (["auction"], "'auction'.*avoid"),
         (["goto", "--utilities", "--only", "goto.p_min"], "leave out --only"),
-        (["goto", "--utilities", "--budget", "50runs"], r"50runs too small.*utilities.*\d{3}runs$"),
+        (["goto", "--utilities", "--budget", "50runs"], r"50runs is too.*utilities.*\d{3}runs$"),
     ],
 )
 def test_wrong_searches_are_refused(words: list[str], expected: str, tmp_path: Path) -> None:

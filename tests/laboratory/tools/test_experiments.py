@@ -15,8 +15,10 @@ from msgspec.structs import replace
 
 from armadico.cli import pool
 from armadico.cli.options import FailedError, UsageError
+from armadico.config.loading import read_text
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import load_scenario
+from armadico.config.shipped import find
 from armadico.config.worlds import load_world
 from armadico.core.config_errors import ConfigError
 from armadico.observe.conditions import software
@@ -543,13 +545,15 @@ def test_a_mechanism_that_had_nothing_to_decide_is_no_tie_with_ballots() -> None
     tables, made = mechanisms(executive=0, queue=2, auction=50, central=None)
     made["row"]["auction"][3] = replace(made["row"]["auction"][3], tt_s=34.0)
     silent = cells.undecided(tables, made, "ballots")
-    assert {arm for _, arm in silent} == {"executive", "queue"}
+    assert {arm for _, arm in silent} == {"executive", "queue", "central"}
+    assert "is not known" in silent["row", "central"], "that nobody counted is no contention"
     assert silent["row", "executive"].startswith("not contended")
     assert "to the last digit" in silent["row", "queue"]
     found = cells.compared(made, ("tt_s",), "ballots", pooled=True, silent=silent)
     pairs = {(one.row, one.arm): (one.pairs, one.p) for one in found}
     for row in ("row", cells.ALL):
-        assert pairs[row, "executive"] == pairs[row, "queue"] == (0, None)
+        for arm in ("executive", "queue", "central"):
+            assert pairs[row, arm] == (0, None)
         assert pairs[row, "auction"][0] == 8
     silent = cells.undecided(tables, made, "executive")
     found = cells.compared(made, ("tt_s",), "executive", pooled=True, silent=silent)
@@ -561,6 +565,15 @@ def test_cycles_in_which_several_agents_bid_are_counted() -> None:
     assert drive((alone, 1000)).contended == 0
     assert drive((Cell("x", world="slalom", coordination="auction"), 1000)).contended
     assert drive((SC1, 1000)).contended is None
+
+
+def test_what_robots_of_a_fleet_compete_for_is_counted_too(tmp_path: Path) -> None:
+    file = tmp_path / "pair.toml"
+    fleet = read_text(find("scenarios", "fleet")).partition("tasks = [")[0]
+    file.write_text(f"{fleet}tasks = [[3.0, 1.5, 0.0]]\n", encoding="utf-8")
+    pair = Cell("x", str(file), robots=2, coordination="central")
+    assert drive((pair, 1)).contended
+    assert drive((replace(pair, coordination=None), 1)).contended is None
 
 
 @pytest.mark.long

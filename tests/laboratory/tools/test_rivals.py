@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from random import Random
 
@@ -9,6 +10,8 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.cli.options import UsageError
+from armadico.core import installed
+from armadico.core.mechanisms import GROUP
 from armadico.core.messages import BALLOTS
 from armadico_tools.commands.experiment import main
 from armadico_tools.experiments import BEHAVIOURS, Rivals, rivals
@@ -207,6 +210,17 @@ def test_a_mechanism_without_its_library_is_named_and_refused_where_it_was_chose
         assert any(f"Not compared: {name}; " in text for text in context.lacking)
     with pytest.raises(UsageError, match=r"behaviour-tree: .*armadico\[rivals\]"):
         arms(Rivals(mechanism=("behaviour-tree",)))
+
+
+def test_a_mechanism_whose_package_cannot_be_loaded_is_named_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    torn = EntryPoint("torn", "nowhere_at_all:TORN", GROUP)
+    found = (*installed.entries(GROUP), torn)
+    for module in (installed, rivals):
+        monkeypatch.setattr(module, "entries", lambda _group: found)
+    assert "cannot be loaded" in rivals.left_out(Rivals())["torn"]
+    assert "torn" not in rivals.left_out(Rivals(mechanism=("auction",)))
 
 
 def test_a_yardstick_is_counted_beside_ballots_and_not_compared(

@@ -55,6 +55,8 @@ KEYS = [
     "judgement",
     "warnings",
     "unseen_m",
+    "contended",
+    "undecided",
 ]
 
 

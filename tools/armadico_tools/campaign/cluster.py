@@ -41,6 +41,9 @@ CONNECT_S: Final = 5.0
 AHEAD: Final = 2
 """Runs that are handed out for each thread: the next one is there when one ends."""
 
+FIRST_S: Final = 30.0
+"""Longest time to wait for a first worker."""
+
 CHECK_S: Final = 2.0
 """How often the scheduler is asked whether it still has workers."""
 
@@ -203,6 +206,7 @@ def dask(address: str, jobs: int | None) -> Iterator[Cluster]:
             " dask scheduler"
         ) from None
     with _connected(f"tcp://{address}", given) as client:
+        await_worker(client)
         check(client, given)
         yield Cluster(client, f"dask://{address}")
 
@@ -285,6 +289,12 @@ def _connected(to: str | DaskCluster, given: str) -> Iterator[Client]:
         client.close(timeout=CONNECT_S)
 
 
+def await_worker(client: Client) -> None:
+    """Wait for the first worker, which may have been started together with the scheduler."""
+    with suppress(TimeoutError):
+        client.wait_for_workers(1, timeout=FIRST_S)
+
+
 def check(client: Client, given: str) -> None:
     """Check scheduler and workers before the first run. Raises UsageError."""
     if fault := other_versions(client.get_versions()):
@@ -292,7 +302,9 @@ def check(client: Client, given: str) -> None:
     workers = client.scheduler_info(n_workers=-1)["workers"]
     if not workers:
         todo = "dask worker tcp://HOST:PORT --nthreads 1 --nworkers auto"
-        raise UsageError(f"{given}: the scheduler has no workers; start some: {todo}")
+        raise UsageError(
+            f"{given}: the scheduler has no workers within {FIRST_S:.0f} s; start some: {todo}"
+        )
     for address, worker in workers.items():
         if worker["nthreads"] != 1:
             raise UsageError(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from armadico.cli import options
 from armadico.cli.options import FailedError
 from armadico.cli.parsing import Command, Must, argument, flag, option
 
@@ -32,23 +33,27 @@ class Options:
 
 
 def run(args: Options) -> int:
-    """Print the state of each series, or write the page."""
+    """Print the state of each series, or write the page; the code of what they come to."""
+    from armadico.core.judgement import all_of
     from armadico_tools.campaign import pages
 
     found = pages.series_in(args.folder)
     if not found:
         raise FailedError(f"{args.folder}: no results of experiments, faults or falsify are there")
+    judgement = all_of(one.judgement for one in found)
     if args.what == "report":
         path = args.out or args.folder / "report.html"
         pages.write(path, found)
-        print(json.dumps({"page": str(path)}) if args.json else path)
-        return 0
-    if args.json:
+        told = {"page": str(path), "series": [one.plain() for one in found]}
+        print(json.dumps(told) if args.json else path)
+    elif args.json:
         print(json.dumps([one.plain() for one in found]))
-        return 0
-    for one in found:
-        print(one)
-    return 0
+    else:
+        for one in found:
+            print(one)
+    if not judgement.passed and not args.json:
+        options.report(str(judgement))
+    return judgement.exit_code
 
 
 main = Command(
@@ -56,6 +61,7 @@ main = Command(
     Options,
     run,
     "Show how far series of runs are, also while they run, or write a static page of their"
-    " results: tables, plots, and a CSV of each table for pandas.",
+    " results: tables, plots, and a CSV of each table for pandas. Exit code 0 if all are complete,"
+    " 1 if something failed, 3 if something is missing, or if it is not known whether it is.",
     EXAMPLES,
 )

@@ -177,7 +177,7 @@ def _sized(args: Options, search: Search, driver: Driver) -> Size:
 
     numbers, runs = len(search.dims), args.budget.runs
     what = f"{numbers} numbers" if numbers else "utilities"
-    least, cost, enough = size_of(numbers, 0).least, f" {runs}runs", ""
+    least, cost, enough = size_of(numbers, 0).least, f" {runs}runs is", ""
     if not runs:
         each = driver.seconds_of([search.task((), index) for index in range(MEASURED)])
         runs = int(args.budget.seconds / each)

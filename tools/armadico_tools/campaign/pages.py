@@ -4,28 +4,25 @@ from __future__ import annotations
 
 import time
 from base64 import b64encode
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from html import escape
 from os.path import relpath
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 import msgspec
 
 from armadico.core.config_errors import ConfigError
+from armadico.core.judgement import Judgement, no, unknown, yes
 from armadico_tools.experiments.runner import ABOUT, FOUND, PROGRESS, About, Progress
-from armadico_tools.falsify.series import Row
-from armadico_tools.faults.series import Ran
+from armadico_tools.falsify.search import preventable
+from armadico_tools.falsify.series import FILE, Row
+from armadico_tools.faults.series import OUTCOMES, SEEDS, TRIALS, Ran, Summary, lines
+from armadico_tools.faults.trials import TRIALS as KINDS
 from armadico_tools.results import Result, rows_of
 
-OTHERS: Final[dict[str, tuple[str, type[msgspec.Struct]]]] = {
-    "outcomes.csv": ("seeds of faults", Result),
-    "trials.csv": ("trials of faults", Ran),
-    "falsify.csv": ("seeds of the falsifier", Row),
-}
-"""Files of series that are no experiments: all their rows are results, and nothing there says how
-many were wanted."""
+R = TypeVar("R", Ran, Row)
 
 STYLE: Final = """
 body { font: 15px/1.5 sans-serif; max-width: 75em; margin: 2em auto; padding: 0 1em; }
@@ -49,11 +46,24 @@ class Series:
     left_s: float | None = None  # by its pace
     finished: bool | None = None  # None: not known
     lost: int = 0  # results that it had when it was finished
+    lacking: tuple[str, ...] = ()  # what its results cannot show
+    failed: str = ""  # what of it failed; "": nothing that is known
+
+    @property
+    def judgement(self) -> Judgement:
+        """No if something failed, yes if it is complete and lacks nothing; else unknown."""
+        if self.failed:
+            return no(f"{self.name}: {self.failed}")
+        if self.finished and not self.lacking and self.results:
+            return yes()
+        return unknown(f"{self}{''.join(f'; {each}' for each in self.lacking)}")
 
     def __str__(self) -> str:
         text = f"{self.name}: {self.results} results"
         if self.lost:
             text += f", {self.lost} of what it had are lost: the same command makes them again"
+        elif self.finished and not self.results:
+            text += ", finished, so it shows nothing"
         elif self.finished:
             text += ", finished"
         elif self.finished is None:
@@ -64,16 +74,19 @@ class Series:
             text += f", {self.part}: {self.done} of {self.runs}"
             if self.left_s is not None:
                 text += f", {self.left_s:.0f} s left at this pace"
+        if self.failed:
+            text += f"; failed: {self.failed}"
         return f"{text}{f', commit {self.commit}' if self.commit else ''}"
 
     def plain(self) -> dict[str, object]:
-        """The state, for JSON."""
-        return asdict(self) | {"folder": str(self.folder)}
+        """The state and its judgement, for JSON."""
+        judgement = msgspec.to_builtins(self.judgement)
+        return asdict(self) | {"folder": str(self.folder), "judgement": judgement}
 
 
 def series_in(folder: Path) -> list[Series]:
     """The series in a folder and the folders in it, by name. Raises ConfigError."""
-    files = (path for name in (ABOUT, *OTHERS) for path in folder.rglob(name))
+    files = (path for name in (ABOUT, FOUND, *OTHERS) for path in folder.rglob(name))
     places = sorted({path.parent for path in files})
     return [one for place in places for one in _series(place)]
 
@@ -82,15 +95,18 @@ def _series(folder: Path) -> Iterator[Series]:
     try:
         about = msgspec.json.decode((folder / ABOUT).read_bytes(), type=About)
     except FileNotFoundError:
-        pass
+        if (folder / FOUND).is_file():  # of learning, or of an experiment that has lost its file
+            count = _rows(folder / FOUND, Result)
+            yield Series(f"{folder.name}, runs without {ABOUT}", folder, count)
     except (OSError, msgspec.DecodeError) as error:
         why = f"{error}: what this series is cannot be known; move it away"
         raise ConfigError(why, folder / ABOUT) from error
     else:
         yield _experiment(folder, about)
-    for name, (what, kind) in OTHERS.items():
+    for name, (what, kind, failures) in OTHERS.items():
         if (folder / name).is_file():
-            yield Series(f"{folder.name}, {what}", folder, _rows(folder / name, kind))
+            count = _rows(folder / name, kind)
+            yield Series(f"{folder.name}, {what}", folder, count, failed=failures(folder / name))
 
 
 def _experiment(folder: Path, about: About) -> Series:
@@ -104,7 +120,12 @@ def _experiment(folder: Path, about: About) -> Series:
             return Series(name, folder, kept, commit, finished=None if table and kept else False)
         # A table alone says nothing: its results may be lost, or some of them.
         lost = max(about.results - kept, 0)
-        return Series(name, folder, kept, commit, finished=table and not lost, lost=lost)
+        return Series(
+            *(name, folder, kept, commit),
+            finished=table and not lost,
+            lost=lost,
+            lacking=about.lacking,
+        )
     made = kept - now.kept
     left, elapsed = now.runs - now.known - made, time.time() - now.began
     left_s = round(elapsed / made * left, 1) if made > 0 else None
@@ -115,6 +136,46 @@ def _experiment(folder: Path, about: About) -> Series:
 def _rows(path: Path, kind: type[msgspec.Struct]) -> int:
     """The number of results in a file. Raises ConfigError for a damaged line."""
     return sum(1 for _ in rows_of(path, kind))
+
+
+def _newest(path: Path, kind: type[R]) -> list[R]:
+    """The results of the commit that ran last: those of others are no news of it."""
+    rows = [row for _, row in rows_of(path, kind)]
+    return [row for row in rows if row.commit == rows[-1].commit]
+
+
+def _seeds_failed(path: Path) -> str:
+    """What broke a promise; a planted defect is meant to, and is not among the seeds."""
+    return _broken(_newest(path.with_name(SEEDS), Ran), "seeds")
+
+
+def _trials_failed(path: Path) -> str:
+    rows, summary = _newest(path, Ran), Summary()
+    for row in rows:
+        summary.figures.setdefault(row.kinds, []).append(msgspec.json.decode(row.figures or "{}"))
+    missed = [f"{x.kind} {x.figure}" for x in lines(summary, KINDS.values()) if not x.kept]
+    broken = _broken(rows, "trials")
+    aims = f"aims missed: {', '.join(missed)}" if missed else ""
+    return "; ".join(filter(None, [broken, aims]))
+
+
+def _broken(rows: Sequence[Ran], what: str) -> str:
+    broken = [row for row in rows if row.violations]
+    return f"{len(broken)} of {len(rows)} {what} broke a promise" if broken else ""
+
+
+def _contacts(path: Path) -> str:
+    count = sum(preventable(row.by_cause) for row in _newest(path, Row))
+    return f"{count} contacts that the sensors could have prevented" if count else ""
+
+
+OTHERS: Final[dict[str, tuple[str, type[msgspec.Struct], Callable[[Path], str]]]] = {
+    OUTCOMES: ("seeds of faults", Result, _seeds_failed),
+    TRIALS: ("trials of faults", Ran, _trials_failed),
+    FILE: ("seeds of the falsifier", Row, _contacts),
+}
+"""Files of series that are no experiments: all their rows are results, and nothing there says how
+many were wanted. Each with what its rows are, and what of them failed."""
 
 
 # The page -----------------------------------------------------------------------------------------

@@ -180,10 +180,12 @@ def undecided(
         for arm, cell in arms.items():
             of, other = by_arm[row][arm], by_arm[row][against]
             counts = [one.contended for one in of if one.contended is not None]
-            if cell.kill is not None or not cell.coordination or len(counts) < max(len(of), 1):
-                continue  # by ballots, or with several robots nobody counted
+            if cell.kill is not None or not cell.coordination:
+                continue  # by ballots, or the kill is what is decided about
             what = f"what {cell.coordination} decides about"
-            if not any(counts):
+            if not counts:
+                why = f"whether two agents wanted at the same time {what} is not known"
+            elif not any(counts):
                 why = f"not contended: no two agents wanted at the same time {what}"
             elif cell.coordination != arms[against].coordination and all(map(_alike, of, other)):
                 why = (

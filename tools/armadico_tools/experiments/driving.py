@@ -29,7 +29,7 @@ from armadico.config.worlds import load_world
 from armadico.core.discovery import agent_class
 from armadico.core.errors import UnknownNameError
 from armadico.core.judgement import Answer
-from armadico.core.mechanisms import coordinations, decides
+from armadico.core.mechanisms import coordinations
 from armadico.core.membership import agent_of
 from armadico.core.messages import Ack, Award, Claim, Command, Cycle, Message, Proposal
 from armadico.core.resources import WHEELS
@@ -226,6 +226,7 @@ class Drive:
 
     def sample(self) -> Sample:
         """The row of this run."""
+        self.rehearsal.read_bids()
         result = structs.asdict(self.watch.result())
         shares: dict[str, float] = dict(result["shares"])
         row = {
@@ -348,10 +349,8 @@ class Contest:
         self._run, self._cell = rehearsal, cell
         known = coordinations(cell.coordination)
         arbiters = {each.arbiter for each in known.values()}
-        self._proposing = {*rehearsal.names} - arbiters
-        self._rivals = {n for n in self._proposing if WHEELS in agent_class(n).competes_for}
-        self._decided = [about for each in known.values() if (about := decides(each))]
-        self._contended = dict.fromkeys(self._decided, 0)
+        proposing = {*rehearsal.names} - arbiters
+        self._rivals = {n for n in proposing if WHEELS in agent_class(n).competes_for}
         self._unlike = self._messages = 0
         self._counts = False
         self._killed: tuple[str, float] | None = None
@@ -387,22 +386,6 @@ class Contest:
                     wanted.append(WHEELS.unpack(bid.wanted))
         pairs = zip(zip(*wanted, strict=True), UNLIKE, strict=False)
         self._unlike += any(max(each) - min(each) > most for each, most in pairs)
-        for about in self._decided:
-            self._contended[about] += self._bidding_for(about) > 1
-
-    def _bidding_for(self, about: str) -> int:
-        """How many agents bid for a resource now."""
-        count = 0
-        for node in self._run.mesh.nodes:
-            kernel = node.agent.kernel
-            last = next((bid for bid in reversed(kernel.bids) if bid.resource == about), None)
-            if not node.alive or node.name not in self._proposing or last is None:
-                continue
-            (of,) = (each for each in node.agent.competes_for if each.name == about)
-            newest = kernel.bidding(of).clock.newest
-            late = newest is None or newest.number - last.cycle.number > LATE
-            count += last.utility is not None and not late
-        return count
 
     def measures(self, cycles: int) -> dict[str, Any]:
         """The measures of the whole run."""
@@ -412,8 +395,6 @@ class Contest:
             "contested_percent": round(100.0 * self._unlike / cycles, 2),
             "messages_per_cycle": round(self._messages / cycles, 3),
         }
-        if self._contended:  # of several, the one that was contended least
-            found["contended"] = min(self._contended.values())
         if self._killed is not None:
             never = self._run.mesh.now - self._killed[1]
             found["undriven_s"] = round(never if self._undriven is None else self._undriven, 3)
@@ -549,6 +530,7 @@ def _fleet(cell: Cell, seed: int) -> Sample:
         collisions=None if None in touched else sum(filter(None, touched)),
         min_clearance_m=min(clear, default=None),
         note="" if result.passed else result.verdict,
+        contended=result.contended,
     )
 
 

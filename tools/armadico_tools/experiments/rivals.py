@@ -19,7 +19,8 @@ from msgspec.structs import replace
 
 from armadico.cli.options import FailedError, UsageError
 from armadico.core.errors import no_such
-from armadico.core.mechanisms import Coordination, all_coordinations, coordination, lacks
+from armadico.core.installed import entries, loaded
+from armadico.core.mechanisms import GROUP, Coordination, all_coordinations, coordination, lacks
 from armadico.core.messages import BALLOTS
 from armadico.core.resources import WHEELS
 from armadico_tools.experiments import BEHAVIOURS, SITUATIONS, Rivals, paired
@@ -143,7 +144,12 @@ def left_out(chosen: Rivals) -> dict[str, str]:
     """The mechanisms that cannot be compared here though none was chosen, each with the reason."""
     known = _known()
     names = () if chosen.mechanism else _usual()
-    return {name: lacking for name in names if (lacking := lacks(known[name], {}))}
+    found = {name: lacking for name in names if (lacking := lacks(known[name], {}))}
+    if not chosen.mechanism:
+        fit = {point.name for point, _ in loaded(GROUP)}
+        why = "its package cannot be loaded; the message on stderr has the reason"
+        found |= {point.name: why for point in entries(GROUP) if point.name not in fit}
+    return found
 
 
 def cell(situation: str, behaviours: str, arm: Cell) -> Cell:

@@ -169,7 +169,8 @@ class Context:
         self._table(f"# {title}\n\n{note}\n\n{reported}", experiment.seeds)
         if self._about is not None:
             kept = sum(1 for _ in rows_of(self.out / FOUND, Result))
-            write_json(self.out / ABOUT, msgspec.structs.replace(self._about, results=kept))
+            about = msgspec.structs.replace(self._about, results=kept, lacking=tuple(self.lacking))
+            write_json(self.out / ABOUT, about)
         (self.out / PROGRESS).unlink(missing_ok=True)
 
     def map(
@@ -273,6 +274,7 @@ class About(Struct, frozen=True, kw_only=True):
     source: str
     software: Software
     results: int | None = None  # that were kept when it was finished; None: it is not
+    lacking: tuple[str, ...] = ()  # what the results do not have, and should
 
     def continues(self, other: About) -> bool:
         """Whether these results may replace the others: the same experiment, as many seeds."""

@@ -238,6 +238,9 @@ class Ran(Struct, frozen=True):
     what: str = ""  # the first violation
     figures: str = ""  # counts or measurements, as JSON
 
+    def __post_init__(self) -> None:
+        json.decode(self.figures or "{}", type=dict[str, object])
+
 
 class Ledger:
     """The file that counts seeds or trials, with the commit of each."""
