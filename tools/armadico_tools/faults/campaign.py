@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
@@ -25,13 +25,13 @@ from armadico.core.config_errors import ConfigError
 from armadico.core.errors import no_such
 from armadico.core.judgement import Answer, all_of, no, unknown, yes
 from armadico.core.mechanisms import coordinations
-from armadico.core.messages import Ack, Message, RobotState
+from armadico.core.messages import Ack, Description, Message, RobotState
 from armadico.mobile.messages import Truth
 from armadico.observe.audit.promises import Excuse
 from armadico.observe.conditions import software
 from armadico_tools.faults import MINUTES, SEEDS, plan, series, shrink, workload
 from armadico_tools.faults import TRIALS as COUNT
-from armadico_tools.faults.checker import OF_BALLOTS
+from armadico_tools.faults.checker import OF_BALLOTS, Checker, Violation
 from armadico_tools.faults.fault_types import KINDS, Promise
 from armadico_tools.faults.live import ROAD
 from armadico_tools.faults.plan import Outcome
@@ -134,41 +134,64 @@ UNSEEN: Final[Mapping[type[Message], tuple[str, str]]] = {
     RobotState: ("stops and speeds are", "robot/state"),
     Ack: ("which agent was obeyed is", "acks"),
     Truth: ("collisions are", "truth of this robot"),
+    Description: ("ramps are", "description of the robot"),
 }
 """What the checker cannot judge without the messages of a kind."""
 
 
 def check_recording(path: Path, namespace: str | None, *, as_json: bool) -> int:
-    from armadico.watch.recordings import RecordingError
-    from armadico_tools.faults.recording import check
+    from armadico.watch.recordings import RecordingError, UnreadError
+    from armadico_tools.faults.recording import UNRECORDED, check
 
     damage: list[str] = []
+    broken: list[Violation] = []
+    without: dict[Promise, str] = {}
+    longest_s: float | None = None
     try:
         checker = check(path, namespace, damage.append)
+    except UnreadError as error:
+        judgement = unknown(str(error))
     except RecordingError as error:
         raise UsageError(str(error)) from None
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror}") from None
-    broken = checker.violations
-    kept = no(f"{len(broken)} promises broken") if broken else yes()
-    blind = [unknown(f"{what}, unknown") for what in damage]
+    else:
+        broken, longest_s = checker.violations, checker.longest
+        kept = no(f"{len(broken)} promises broken") if broken else yes()
+        judgement = all_of((kept, *(unknown(what) for what in _unseen(checker, damage))))
+        without |= dict.fromkeys(UNRECORDED, "a recording lacks what it is judged by")
+        if checker.record.bounds.coordination:
+            without |= dict.fromkeys(OF_BALLOTS, "it is a rule of ballots")
+    if as_json:
+        found = {
+            "violations": [{"promise": v.promise, "at": v.at, "text": v.text} for v in broken],
+            "longest_s": longest_s,
+            "not_checked": {promise.name: why for promise, why in without.items()},
+            "judgement": msgspec.to_builtins(judgement),
+        }
+        print(json.dumps(found, indent=2))
+        return judgement.exit_code
+    print(f"promises broken: {len(broken)}")
+    for violation in broken[:SHOWN]:
+        print(f"  {violation.promise}: {violation.text}")
+    for promise, why in without.items():
+        print(f"not checked, since {why}: {promise.value}")
+    if judgement.answer is Answer.UNKNOWN:
+        print(f"unknown: {judgement.reason}")
+    return judgement.exit_code
+
+
+def _unseen(checker: Checker, damage: Sequence[str]) -> Iterator[str]:
+    """What is not known of a recording that the checker has read, and why."""
+    yield from (f"{what}, unknown" for what in damage)
     for kind, (what, name) in UNSEEN.items():
         if kind not in checker.received:
-            blind.append(unknown(f"{what} unknown: the recording has no {name}"))
+            yield f"{what} unknown: the recording has no {name}"
         elif gap := checker.auditor.gaps(kind, begun=checker.began):
-            blind.append(unknown(f"{what} unknown: {gap}"))
-    judgement = all_of((kept, *blind))
-    if as_json:
-        rows = [{"promise": v.promise, "at": v.at, "text": v.text} for v in broken]
-        found = {"violations": rows, "longest_s": checker.longest}
-        print(json.dumps({**found, "judgement": msgspec.to_builtins(judgement)}, indent=2))
-    else:
-        print(f"promises broken: {len(broken)}")
-        for violation in broken[:SHOWN]:
-            print(f"  {violation.promise}: {violation.text}")
-        if judgement.answer is Answer.UNKNOWN:
-            print(f"unknown: {judgement.reason}")
-    return judgement.exit_code
+            yield f"{what} unknown: {gap}"
+    for each in checker.auditor.report():
+        if each.answer is Answer.UNKNOWN and each.occasion:
+            yield f"{each.promise}: {each.text}"
 
 
 def run_seeds(args: Options) -> int:
