@@ -23,7 +23,7 @@ from armadico.config.loading import read_text
 from armadico.config.scenarios import load_scenario
 from armadico.core.config_errors import ConfigError
 from armadico.core.errors import no_such
-from armadico.core.judgement import Answer, all_of, no, unknown, yes
+from armadico.core.judgement import Answer, Judgement, all_of, no, unknown, yes
 from armadico.core.mechanisms import coordinations
 from armadico.core.messages import Ack, Description, Message, RobotState
 from armadico.mobile.messages import Truth
@@ -214,18 +214,35 @@ def run_seeds(args: Options) -> int:
 
     with args.series.workers() as where:
         complete = _continue(args, where, tasks, done, new)
-    commands = _commands(summary) if complete else []
+    commands, judgement = _commands(summary) if complete else [], judged(summary)
     if args.series.json:
-        print(json.dumps({**summary.plain(), "repeat": commands}))
+        told = {"repeat": commands, "judgement": msgspec.to_builtins(judgement)}
+        print(json.dumps({**summary.plain(), **told}))
     else:
         _show_seeds(summary, commands)
         if given.excuses:
             _show_excuses(summary)
         seeds_run, broken = ledger.count()
         print(f"{ledger.path}: {seeds_run} seeds on this commit, {broken} broke a promise")
-    if not complete:
-        return options.INTERRUPTED
-    return 1 if summary.broken or series.missing(summary) else 0
+        if judgement.answer is Answer.UNKNOWN:
+            print(f"unknown: {judgement.reason}")
+    return judgement.exit_code if complete else options.INTERRUPTED
+
+
+def judged(summary: Summary) -> Judgement:
+    """Whether no promise was broken, by seeds that could have shown it.
+
+    A contact that is void says nothing about the robot, so too many of them leave it unknown.
+    """
+    found = [no(f"{len(summary.broken)} seeds broke a promise")] if summary.broken else [yes()]
+    found += [no(f"never occurred: {sight.value}") for sight in series.missing(summary)]
+    share = summary.void_share()
+    if share is None:
+        found.append(unknown("the share of void contacts: no robot moved in a world with walls"))
+    elif share > VOID_GOAL:
+        what = f"contacts were void for {share:.1%} of the moving time (goal: {VOID_GOAL:.0%})"
+        found.append(unknown(what))
+    return all_of(found)
 
 
 def _only(args: Options) -> Only:
@@ -446,9 +463,8 @@ def _show_seeds(summary: Summary, commands: Sequence[str]) -> None:
         f"longest drive with the pose wrong beyond its covariance: {summary.overconfident_s:.1f} s"
     )
     print(f"contacts {summary.contacts['']}, void {sum(void.values())}: {reasons or 'none'}")
-    share = sum(shares.values())
-    void_share = f"contacts void {share:.1%} of it (goal: {VOID_GOAL:.0%}): {by or 'never'}"
-    print(f"moving {moving:.0f} s, {void_share}")
+    void_share = f"contacts void {_percent(summary)} of it (goal: {VOID_GOAL:.0%})"
+    print(f"moving {moving:.0f} s, {void_share}: {by or 'never'}")
     table = Table("situation", "seen")
     for sight in Sight:
         table.add_row(sight.value, str(summary.sights[sight.name]))
@@ -463,10 +479,14 @@ def _show_seeds(summary: Summary, commands: Sequence[str]) -> None:
 def _show_variants(console: Console, summary: Summary) -> None:
     table = Table("variant", *("seeds", "missions/h", "contacts", "void", "broken"))
     for name, part in sorted(summary.variants.items()):
-        void = f"{sum(part.void_shares().values()):.1%}"
         counts = str(part.seeds), f"{part.reached_per_hour():.1f}", str(part.contacts[""])
-        table.add_row(name, *counts, void, str(len(part.broken)))
+        table.add_row(name, *counts, _percent(part), str(len(part.broken)))
     console.print(table)
+
+
+def _percent(summary: Summary) -> str:
+    share = summary.void_share()
+    return "unknown" if share is None else f"{share:.1%}"
 
 
 def _show_trials(summary: Summary, lines: Sequence[Line], *, as_json: bool) -> None:
