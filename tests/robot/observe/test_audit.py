@@ -1075,6 +1075,18 @@ def test_a_hand_that_leads_a_robot_away_gives_it_the_time_to_come_back() -> None
     assert Promise.ARRIVES in led(0.0), "a hand that moved nothing gives no way back"
 
 
+@pytest.mark.parametrize(
+    ("story", "promise"), [({"v": 0.3}, Promise.SPEED), ({"w": 0.8, "turns": 0.5}, Promise.ORDERED)]
+)
+@pytest.mark.parametrize("said", [{"fault": "no power"}, {"stop": Stop(1, True, "anna", 7)}])
+def test_a_base_that_does_not_follow_what_is_let_through_is_not_excused_by_words(
+    story: dict[str, object], promise: Promise, said: dict[str, object]
+) -> None:
+    """A stop and a fault let nothing through; a robot agent that does is to blame for the rest."""
+    drive = Drive().go(2).go(8, **story, **said)
+    assert (promise, "robot") in drive.found
+
+
 @pytest.mark.parametrize("touch", [Point(0.2, 0.0), None])
 def test_a_rest_at_a_contact_is_not_an_order_of_its_own(touch: Point | None) -> None:
     drive = Drive().go(1).go(1, commanded=0.3, touch=touch, v=0.0, ordered=0.0)
