@@ -307,6 +307,8 @@ class Driver:
         if self.stage is Stage.JOINED:
             notify = self.kernel.appeared if alive else self.kernel.disappeared
             notify(name, instance, own)
+        elif not alive:  # its card may have come already
+            self.kernel.forget(instance)
         self._progress(now)
 
     def router(self, there: bool, now: float) -> None:

@@ -361,13 +361,17 @@ class Kernel(Desk):
                 if name in self._owning and by.keys() != before.get(name, {}).keys():
                     self.log(mixture(name, by), WARNING)
 
-    def disappeared(self, name: str, instance: str, now: float) -> None:
-        """Process the end of a liveliness token."""
-        self.now = now
+    def forget(self, instance: str) -> None:
+        """Forget the card of an instance that has ended, also before this agent has joined."""
         self._contending.pop(instance, None)
         self.foreign.discard(instance)
         self.speaks.pop(instance, None)
         self._count_elders()
+
+    def disappeared(self, name: str, instance: str, now: float) -> None:
+        """Process the end of a liveliness token."""
+        self.now = now
+        self.forget(instance)
         for bidding in self._bidding.values():
             bidding.gone(instance, now)
         if any(known.instance == instance for known in self.authors.values()):

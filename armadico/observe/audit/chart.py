@@ -47,6 +47,11 @@ class Chart:
         found: list[int] = self._distances(places).argmin(axis=1).tolist()
         return found
 
+    def across(self, wall: int) -> tuple[float, float]:
+        """The direction square to a wall, of length 1."""
+        (x, y), length = self._along[wall], max(float(self._lengths[wall]), 1e-6)
+        return -float(y) / length, float(x) / length
+
     def _distances(self, places: Floats) -> Floats:
         """The distance of each place (n x 2) from each wall, m."""
         away = places[:, None, :] - self._from

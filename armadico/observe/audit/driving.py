@@ -401,11 +401,13 @@ class Speed(Rule):
         if admitted is None or about is None:
             return
         self._follows.add(now.now, admitted, state.v)
-        excused = state.stalled or now.excuse(Excuse.DISTURBED, Excuse.FAULT, Excuse.STOPPED)
+        # A stop, and a fault that the robot agent found, let nothing through.
+        excused = state.stalled or now.excuse(Excuse.DISTURBED)
         if excused or not self._follows.lags(about) or not self.is_new("robot", now):
             return
         what = f"drives {state.v:.2f} m/s, where {admitted:.2f} m/s are ordered"
-        yield self.found(now, "robot", f"{what}; no reason is published")
+        reason = state.fault or "no reason is published"
+        yield self.found(now, "robot", f"{what}; {reason}")
 
     def _is_free(self, now: Scene) -> bool:
         """Whether its path is free, long and straight, and it knows where it is."""
@@ -484,7 +486,7 @@ class Turns(Rule):
             self.checked = True
             if now.excuse(Excuse.DISTURBED) is None:
                 yield self.found(now, "robot", f"was stopped, because of {state.stop.by}")
-        excused = now.excuse(Excuse.DISTURBED, Excuse.FAULT, Excuse.STOPPED)
+        excused = now.excuse(Excuse.DISTURBED)
         if state.stalled or excused or now.state_gap_s > GAP_S or not now.publishes_orders:
             self._rates.clear()
             return

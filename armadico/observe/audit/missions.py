@@ -12,9 +12,19 @@ from armadico.core.judgement import Answer
 from armadico.core.messages import RobotState
 from armadico.mobile.errand import Errands, StepDone
 from armadico.mobile.geometry import wrap
-from armadico.mobile.messages import MissionState, MissionStatus, Pose, Trajectory, Truth, Waypoint
+from armadico.mobile.messages import (
+    MissionState,
+    MissionStatus,
+    Pose,
+    Scan,
+    Sonar,
+    Trajectory,
+    Truth,
+    Waypoint,
+)
 from armadico.observe.audit.failures import LATELY_S
 from armadico.observe.audit.promises import Excuse, Finding, Promise
+from armadico.observe.audit.proof import unproven
 from armadico.observe.audit.rules import Rule
 from armadico.observe.audit.scene import Scene
 from armadico.observe.measures import REACHED_M, REACHED_RAD
@@ -64,13 +74,15 @@ class Ends(Rule):
 
 
 class Reached(Rule):
-    """A goal that is reported as reached is reached: by the truth, else as far as the pose knows.
+    """A goal that is reported as reached is reached: by the truth, else by pose and readings.
 
-    The goal is the end of the mission's last path.
+    The goal is the end of the mission's last path. A pose that is off proves itself by nothing, so
+    without a truth readings must show the place, in all directions; else it is not known.
     """
 
     promise = Promise.REACHED
     needs = (MissionStatus, Trajectory, Pose)
+    sees = (Sonar, Scan)
 
     def __init__(self) -> None:
         super().__init__()
@@ -116,6 +128,9 @@ class Reached(Rule):
             yield self.found(now, "localization", what, _by(pose, by_pose), Answer.UNKNOWN)
         elif truly is not None and _beyond(*truly, *may_be):
             yield self.found(now, "localization", f"reported as reached, {_so(truly)} off", by)
+        elif truly is None and (why := unproven(now)):
+            what = f"reported as reached, as far as its pose knows: {why}"
+            yield self.found(now, "localization", what, _by(pose, by_pose), Answer.UNKNOWN)
 
 
 def _off(goal: Waypoint, at: Pose | Truth) -> tuple[float, float]:

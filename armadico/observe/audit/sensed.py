@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from math import cos, inf, sin
 from typing import Final
 
@@ -51,6 +52,12 @@ class Sensed:
     def known(self, about: Description, now: float) -> bool:
         """Whether the readings of all sensors come."""
         return all(now - self._read_at.get(each, -inf) < RECENT_S for each in reads_of(about))
+
+    def readings(self, since: float) -> Iterator[tuple[Scan | Sonar, Pose]]:
+        """Those of sensors from a time on, s, with the pose at which they came."""
+        for at, message, pose in self._seen:
+            if at >= since and not isinstance(message, Obstacles):
+                yield message, pose
 
     def places(self) -> Floats:
         """All of them (n x 2), world frame, m."""

@@ -177,6 +177,25 @@ def test_slow_turns_are_counted_and_logged_once_a_minute() -> None:
     assert "the longest took 0.31 s" in line
 
 
+@pytest.mark.parametrize("ends", [Stage.LOOKING, Stage.CLAIMING, Stage.JOINED])
+def test_an_older_agent_that_has_ended_counts_no_more_whenever_it_ended(ends: Stage) -> None:
+    """Else each message would be published on the shared keys, too, for good."""
+    _, driver, now = begun(Stage.LOOKING)
+    driver.token("toy", "toy-1", True, now)
+    (query,) = [item for item in driver.drain() if isinstance(item, SendQuery)]
+    driver.on_reply(query.id, replace(card("toy-1"), protocol=OLDEST), now)
+    assert driver.kernel.elders
+    while driver.stage is not ends:
+        assert driver.wakeup is not None
+        driver.wake(now := driver.wakeup)
+    driver.token("toy", "toy-1", False, now)
+    while driver.stage is not Stage.JOINED:
+        assert driver.wakeup is not None
+        driver.wake(now := driver.wakeup)
+    assert not driver.kernel.elders
+    assert not driver.kernel.speaks
+
+
 def test_with_keys_an_agent_of_protocol_2_is_named_and_told_what_to_install() -> None:
     _, driver, now = begun(Stage.JOINED)
     driver.kernel.closed = True

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from armadico.cli.options import INTERRUPTED, UsageError
+from armadico.cli.options import INTERRUPTED, UNKNOWN, UsageError
 from armadico.core.config_errors import ConfigError
 from armadico_tools import series as any_series
 from armadico_tools.commands import faults
@@ -182,18 +182,46 @@ def test_contacts_and_what_happened_are_told(
 
     monkeypatch.setattr(series, "run", touched)
     arguments = ["--seeds", "2", "--minutes", "0.2", "--jobs", "1", "--out", str(tmp_path)]
-    assert faults.main(arguments) == 0
+    assert faults.main(arguments) == UNKNOWN, "the void share is above its goal"
     out = capsys.readouterr().out
+    assert "unknown: contacts were void for 25.0% of the moving time" in out
     assert "contacts 0, void 4: pose 4" in out
     assert "moving 8 s, contacts void 25.0% of it (goal: 2%): pose 25.0%" in out
     assert "requested again 2" in out
     assert "a better bid takes over" in out
-    assert faults.main([*arguments, "--json"]) == 0
+    assert faults.main([*arguments, "--json"]) == UNKNOWN
     said = json.loads(capsys.readouterr().out)
+    assert said["judgement"]["answer"] == "unknown"
     assert said["void_contacts"] == {"pose": 4}
     assert said["void_share"] == {"pose": 0.25}
     assert sum(part["seeds"] for part in said["variants"].values()) == 2
     assert {*said["sights"]} == {sight.name for sight in Sight}
+
+
+@pytest.mark.parametrize(
+    ("moving", "code", "said"),
+    [
+        ({"": 99.0, "line": 1.0}, 0, ""),
+        ({"": 97.0, "line": 3.0}, UNKNOWN, "unknown: contacts were void for 3.0%"),
+        ({}, UNKNOWN, "unknown: the share of void contacts"),
+    ],
+)
+def test_void_contacts_above_the_goal_or_not_known_are_no_success(
+    moving: dict[str, float],
+    code: int,
+    said: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def over(_run: object, tasks: list[series.Task], _jobs: int, _label: str, done: Any) -> bool:
+        for task in tasks:
+            done(task, Outcome(Case(task.seed, "sc1", 12.0, ()), {}, (), moving_s=moving))
+        return True
+
+    monkeypatch.setattr(any_series, "over", over)
+    assert faults.main(["--seeds", "1", "--out", str(tmp_path)]) == code
+    assert said in capsys.readouterr().out
 
 
 @pytest.mark.long

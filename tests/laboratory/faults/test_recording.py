@@ -19,15 +19,16 @@ from armadico.core.messages import (
     BidRecord,
     Claim,
     Cycle,
+    Description,
     Message,
     RobotState,
     encode,
 )
 from armadico.core.resources import WHEELS
-from armadico.mobile.messages import Pose, Truth
+from armadico.mobile.messages import MissionState, MissionStatus, Pose, Truth
 from armadico.observe.watching import Presence, Received
 from armadico.watch.recorder import Recording
-from armadico.watch.recordings import rows
+from armadico.watch.recordings import RecordingError, rows
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.observations import Bids, Left, Published
@@ -151,7 +152,7 @@ def test_what_a_recording_does_not_hold_is_unknown(
     recording.close()
     assert main(["faults", "--recording", str(path)]) == UNKNOWN
     said = capsys.readouterr().out
-    for key, what in (("robot/state", "stops"), ("resource/wheels/ack", "which agent")):
+    for key, what in (("robot/state", "stops and speeds"), ("resource/wheels/ack", "which agent")):
         assert (f"{what}" in said) is (key != keep)
 
 
@@ -177,6 +178,79 @@ def test_what_a_recording_did_not_hold_for_a_while_is_unknown(
         main(["faults", "--recording", str(recorded(without))])
         said = capsys.readouterr().out
         assert ("no Truth received from 2.9 to 7.0 s" in said) is expected, said
+
+
+def described(v_decel: float) -> Description:
+    sizes, ramps = (0.3, 0.3, 0.2), (0.5, v_decel, 2.0, 2.0)
+    return Description("other", 0.1, *sizes, 2.0, 4.0, *ramps, 0.3, 1.0)
+
+
+def braking(path: Path, *about: Description | None) -> Path:
+    """A recording of robots that brake by 2 m/s^2, and describe themselves."""
+    recording = Recording(path)
+    for number in range(10):
+        v = max(1.0 - 0.2 * number, 0.0)
+        messages = {
+            "robot/state": state(number + 1),
+            "sim/truth": Truth(number / 10, 0, 0, 0, v, 0, 0, 1, ""),
+        }
+        for robot, each in enumerate(about, 1):
+            said = {"robot/description": each, **messages} if each else messages
+            for key, message in said.items():
+                at = SECOND + number * SECOND // 10
+                recording.add(Received(f"robot{robot}", key, encode(message), at))
+    recording.close()
+    return path
+
+
+def test_ramps_are_those_that_the_robot_describes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken(path: Path) -> set[Promise]:
+        return {each.promise for each in check(path, None, pytest.fail).violations}
+
+    steep, flat = (braking(tmp_path / f"{v}.mcap", described(v)) for v in (2.0, 0.5))
+    assert Promise.SMOOTH not in broken(steep)
+    assert Promise.SMOOTH in broken(flat)
+    unknown = braking(tmp_path / "unknown.mcap", None)
+    assert Promise.SMOOTH not in broken(unknown), "of a robot that is not known"
+    main(["faults", "--recording", str(unknown)])
+    assert "ramps are unknown" in capsys.readouterr().out
+
+
+def test_one_of_several_robots_must_be_named(tmp_path: Path) -> None:
+    path = braking(tmp_path / "two.mcap", described(2.0), described(0.5))
+    with pytest.raises(RecordingError, match="robot1, robot2"):
+        check(path, None, pytest.fail)
+    for robot, breaks in (("robot1", False), ("robot2", True)):
+        found = {each.promise for each in check(path, robot, pytest.fail).violations}
+        assert (Promise.SMOOTH in found) is breaks
+
+
+def test_what_the_auditor_could_not_judge_is_unknown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """There were paths and no map: none is known to lead through no wall."""
+    path = tmp_path / "paths.mcap"
+    recording = Recording(path)
+    for number in range(10):
+        for key, message in (
+            ("robot/state", state(number + 1)),
+            ("interface/mission", MissionStatus(1, MissionState.DRIVING, 0.0)),
+        ):
+            at = SECOND + number * SECOND // 10
+            recording.add(Received("robot1", key, encode(message), at))
+    recording.close()
+    assert main(["faults", "--recording", str(path)]) == UNKNOWN
+    assert f"{Promise.PATH}: not checked" in capsys.readouterr().out
+
+
+def test_a_recording_of_another_protocol_is_unknown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Recording(path := tmp_path / "old.mcap", {"protocol": "0"}).close()
+    assert main(["faults", "--recording", str(path)]) == UNKNOWN
+    assert "protocol 0" in capsys.readouterr().out
 
 
 def test_a_recording_that_was_cut_is_not_known_to_be_sound(

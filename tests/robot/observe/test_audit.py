@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import cos, inf, pi, sin
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -45,6 +46,7 @@ from armadico.mobile.messages import (
     Waypoint,
 )
 from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.scans import packed
 from armadico.observe.audit.auditor import RULES, Auditor, watched
 from armadico.observe.audit.coordination import OneDriver
 from armadico.observe.audit.driving import Honest
@@ -930,13 +932,49 @@ def test_without_a_truth_reached_is_judged_by_the_pose() -> None:
         auditor.update(0.1, "", Pose(Cycle(1, 1), 5.0 + off, 0.0, 0.0, covariance))
         return auditor.update(0.2, "", MissionStatus(1, MissionState.REACHED, 0.0, note=doubt))
 
-    assert reached(0.05, SURE) == []
+    assert [each.answer for each in reached(0.05, SURE)] == [Answer.UNKNOWN], "a pose alone"
     assert [each.answer for each in reached(0.5, SURE)] == [Answer.NO]
     assert [each.answer for each in reached(0.05, LOST)] == [Answer.UNKNOWN]
     assert [each.answer for each in reached(0.05, ())] == [Answer.UNKNOWN]
     assert [each.answer for each in reached(0.3, ROUGH)] == [Answer.NO]
     assert [each.answer for each in reached(0.3, ROUGH, "unsure")] == [Answer.UNKNOWN]
     assert [each.answer for each in reached(0.5, ROUGH, "unsure")] == [Answer.NO]
+
+
+@pytest.mark.parametrize("by", ["sonar", "laser"])
+@pytest.mark.parametrize(
+    ("x", "y", "unknown"),
+    [
+        (6.0, 1.0, ""),
+        (6.05, 0.95, ""),
+        (6.3, 1.0, "along 0 degrees"),  # a localization whose map is shifted
+        (6.0, 1.3, "along 90 degrees"),
+        (6.0, inf, "along 90 degrees"),  # a single wall shows no place along it
+    ],
+)
+def test_without_a_truth_readings_show_whether_the_place_of_a_goal_is_known(
+    x: float, y: float, unknown: str, by: str
+) -> None:
+    """At the goal the readings show walls 1 m ahead and 1 m on the left."""
+    auditor = Auditor([rule for rule in RULES if rule.promise is Promise.REACHED])
+    ahead, left = (x, -1.0, x, 1.0), (4.0, y, 6.0, y)
+    auditor.chart([ahead] if y == inf else [ahead, left])
+    auditor.update(0.0, "", replace(ROBOT, cone=0.3))
+    auditor.update(0.0, "", Trajectory(1, 1, (Waypoint(5.0, 0.0, 0.0),)))
+    for number in range(1, 11):
+        cycle, at = Cycle(1, number), number / 10.0
+        auditor.update(at, "", Pose(cycle, 5.0, 0.0, 0.0, SURE))
+        if by == "sonar":
+            echoes = tuple(Echo(0.0, 0.0, bearing, 1.0) for bearing in (0.0, pi / 2.0))
+            auditor.update(at, "", Sonar(cycle, 3.0, echoes))
+        else:
+            ranges = packed(np.array([1.0]), 0.1, 8.0)
+            for bearing in (0.0, pi / 2.0):
+                scan = Scan(cycle, 0.0, 0.0, bearing, 1.0, 8.0, ranges, number)
+                auditor.update(at, "", scan)
+    found = auditor.update(1.1, "", MissionStatus(1, MissionState.REACHED, 0.0))
+    assert [each.answer for each in found] == ([Answer.UNKNOWN] if unknown else [])
+    assert all(unknown in each.what for each in found)
 
 
 def test_the_truth_of_another_robots_simulator_counts_nothing() -> None:
@@ -1035,6 +1073,18 @@ def test_a_hand_that_leads_a_robot_away_gives_it_the_time_to_come_back() -> None
 
     assert Promise.ARRIVES not in led(0.75)
     assert Promise.ARRIVES in led(0.0), "a hand that moved nothing gives no way back"
+
+
+@pytest.mark.parametrize(
+    ("story", "promise"), [({"v": 0.3}, Promise.SPEED), ({"w": 0.8, "turns": 0.5}, Promise.ORDERED)]
+)
+@pytest.mark.parametrize("said", [{"fault": "no power"}, {"stop": Stop(1, True, "anna", 7)}])
+def test_a_base_that_does_not_follow_what_is_let_through_is_not_excused_by_words(
+    story: dict[str, object], promise: Promise, said: dict[str, object]
+) -> None:
+    """A stop and a fault let nothing through; a robot agent that does is to blame for the rest."""
+    drive = Drive().go(2).go(8, **story, **said)
+    assert (promise, "robot") in drive.found
 
 
 @pytest.mark.parametrize("touch", [Point(0.2, 0.0), None])

@@ -65,8 +65,9 @@ main = Command(
     " kill, hang and disconnect real processes instead, and measure the times to recover. Results"
     " are kept in a file. A violation on the virtual mesh prints one command that repeats it, with"
     " as few faults as possible. Exit code 1 if a promise was broken, if a trial failed or missed"
-    " its aim, or if in 1000 seeds some situation never occurred; 3 if trials were left out that"
-    " need root, or if a recording lacks what a promise is judged by.",
+    " its aim, or if in 1000 seeds some situation never occurred; 3 if contacts were void for more"
+    " than 2 % of the moving time, if trials were left out that need root, or if a recording lacks"
+    " what a promise is judged by.",
     EXAMPLES,
 )
 

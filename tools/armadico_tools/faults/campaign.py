@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
@@ -23,15 +23,15 @@ from armadico.config.loading import read_text
 from armadico.config.scenarios import load_scenario
 from armadico.core.config_errors import ConfigError
 from armadico.core.errors import no_such
-from armadico.core.judgement import Answer, all_of, no, unknown, yes
+from armadico.core.judgement import Answer, Judgement, all_of, no, unknown, yes
 from armadico.core.mechanisms import coordinations
-from armadico.core.messages import Ack, Message, RobotState
+from armadico.core.messages import Ack, Description, Message, RobotState
 from armadico.mobile.messages import Truth
 from armadico.observe.audit.promises import Excuse
 from armadico.observe.conditions import software
 from armadico_tools.faults import MINUTES, SEEDS, plan, series, shrink, workload
 from armadico_tools.faults import TRIALS as COUNT
-from armadico_tools.faults.checker import OF_BALLOTS
+from armadico_tools.faults.checker import OF_BALLOTS, Checker, Violation
 from armadico_tools.faults.fault_types import KINDS, Promise
 from armadico_tools.faults.live import ROAD
 from armadico_tools.faults.plan import Outcome
@@ -134,41 +134,64 @@ UNSEEN: Final[Mapping[type[Message], tuple[str, str]]] = {
     RobotState: ("stops and speeds are", "robot/state"),
     Ack: ("which agent was obeyed is", "acks"),
     Truth: ("collisions are", "truth of this robot"),
+    Description: ("ramps are", "description of the robot"),
 }
 """What the checker cannot judge without the messages of a kind."""
 
 
 def check_recording(path: Path, namespace: str | None, *, as_json: bool) -> int:
-    from armadico.watch.recordings import RecordingError
-    from armadico_tools.faults.recording import check
+    from armadico.watch.recordings import RecordingError, UnreadError
+    from armadico_tools.faults.recording import UNRECORDED, check
 
     damage: list[str] = []
+    broken: list[Violation] = []
+    without: dict[Promise, str] = {}
+    longest_s: float | None = None
     try:
         checker = check(path, namespace, damage.append)
+    except UnreadError as error:
+        judgement = unknown(str(error))
     except RecordingError as error:
         raise UsageError(str(error)) from None
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror}") from None
-    broken = checker.violations
-    kept = no(f"{len(broken)} promises broken") if broken else yes()
-    blind = [unknown(f"{what}, unknown") for what in damage]
+    else:
+        broken, longest_s = checker.violations, checker.longest
+        kept = no(f"{len(broken)} promises broken") if broken else yes()
+        judgement = all_of((kept, *(unknown(what) for what in _unseen(checker, damage))))
+        without |= dict.fromkeys(UNRECORDED, "a recording lacks what it is judged by")
+        if checker.record.bounds.coordination:
+            without |= dict.fromkeys(OF_BALLOTS, "it is a rule of ballots")
+    if as_json:
+        found = {
+            "violations": [{"promise": v.promise, "at": v.at, "text": v.text} for v in broken],
+            "longest_s": longest_s,
+            "not_checked": {promise.name: why for promise, why in without.items()},
+            "judgement": msgspec.to_builtins(judgement),
+        }
+        print(json.dumps(found, indent=2))
+        return judgement.exit_code
+    print(f"promises broken: {len(broken)}")
+    for violation in broken[:SHOWN]:
+        print(f"  {violation.promise}: {violation.text}")
+    for promise, why in without.items():
+        print(f"not checked, since {why}: {promise.value}")
+    if judgement.answer is Answer.UNKNOWN:
+        print(f"unknown: {judgement.reason}")
+    return judgement.exit_code
+
+
+def _unseen(checker: Checker, damage: Sequence[str]) -> Iterator[str]:
+    """What is not known of a recording that the checker has read, and why."""
+    yield from (f"{what}, unknown" for what in damage)
     for kind, (what, name) in UNSEEN.items():
         if kind not in checker.received:
-            blind.append(unknown(f"{what} unknown: the recording has no {name}"))
+            yield f"{what} unknown: the recording has no {name}"
         elif gap := checker.auditor.gaps(kind, begun=checker.began):
-            blind.append(unknown(f"{what} unknown: {gap}"))
-    judgement = all_of((kept, *blind))
-    if as_json:
-        rows = [{"promise": v.promise, "at": v.at, "text": v.text} for v in broken]
-        found = {"violations": rows, "longest_s": checker.longest}
-        print(json.dumps({**found, "judgement": msgspec.to_builtins(judgement)}, indent=2))
-    else:
-        print(f"promises broken: {len(broken)}")
-        for violation in broken[:SHOWN]:
-            print(f"  {violation.promise}: {violation.text}")
-        if judgement.answer is Answer.UNKNOWN:
-            print(f"unknown: {judgement.reason}")
-    return judgement.exit_code
+            yield f"{what} unknown: {gap}"
+    for each in checker.auditor.report():
+        if each.answer is Answer.UNKNOWN and each.occasion:
+            yield f"{each.promise}: {each.text}"
 
 
 def run_seeds(args: Options) -> int:
@@ -191,18 +214,35 @@ def run_seeds(args: Options) -> int:
 
     with args.series.workers() as where:
         complete = _continue(args, where, tasks, done, new)
-    commands = _commands(summary) if complete else []
+    commands, judgement = _commands(summary) if complete else [], judged(summary)
     if args.series.json:
-        print(json.dumps({**summary.plain(), "repeat": commands}))
+        told = {"repeat": commands, "judgement": msgspec.to_builtins(judgement)}
+        print(json.dumps({**summary.plain(), **told}))
     else:
         _show_seeds(summary, commands)
         if given.excuses:
             _show_excuses(summary)
         seeds_run, broken = ledger.count()
         print(f"{ledger.path}: {seeds_run} seeds on this commit, {broken} broke a promise")
-    if not complete:
-        return options.INTERRUPTED
-    return 1 if summary.broken or series.missing(summary) else 0
+        if judgement.answer is Answer.UNKNOWN:
+            print(f"unknown: {judgement.reason}")
+    return judgement.exit_code if complete else options.INTERRUPTED
+
+
+def judged(summary: Summary) -> Judgement:
+    """Whether no promise was broken, by seeds that could have shown it.
+
+    A contact that is void says nothing about the robot, so too many of them leave it unknown.
+    """
+    found = [no(f"{len(summary.broken)} seeds broke a promise")] if summary.broken else [yes()]
+    found += [no(f"never occurred: {sight.value}") for sight in series.missing(summary)]
+    share = summary.void_share()
+    if share is None:
+        found.append(unknown("the share of void contacts: no robot moved in a world with walls"))
+    elif share > VOID_GOAL:
+        what = f"contacts were void for {share:.1%} of the moving time (goal: {VOID_GOAL:.0%})"
+        found.append(unknown(what))
+    return all_of(found)
 
 
 def _only(args: Options) -> Only:
@@ -423,9 +463,8 @@ def _show_seeds(summary: Summary, commands: Sequence[str]) -> None:
         f"longest drive with the pose wrong beyond its covariance: {summary.overconfident_s:.1f} s"
     )
     print(f"contacts {summary.contacts['']}, void {sum(void.values())}: {reasons or 'none'}")
-    share = sum(shares.values())
-    void_share = f"contacts void {share:.1%} of it (goal: {VOID_GOAL:.0%}): {by or 'never'}"
-    print(f"moving {moving:.0f} s, {void_share}")
+    void_share = f"contacts void {_percent(summary)} of it (goal: {VOID_GOAL:.0%})"
+    print(f"moving {moving:.0f} s, {void_share}: {by or 'never'}")
     table = Table("situation", "seen")
     for sight in Sight:
         table.add_row(sight.value, str(summary.sights[sight.name]))
@@ -440,10 +479,14 @@ def _show_seeds(summary: Summary, commands: Sequence[str]) -> None:
 def _show_variants(console: Console, summary: Summary) -> None:
     table = Table("variant", *("seeds", "missions/h", "contacts", "void", "broken"))
     for name, part in sorted(summary.variants.items()):
-        void = f"{sum(part.void_shares().values()):.1%}"
         counts = str(part.seeds), f"{part.reached_per_hour():.1f}", str(part.contacts[""])
-        table.add_row(name, *counts, void, str(len(part.broken)))
+        table.add_row(name, *counts, _percent(part), str(len(part.broken)))
     console.print(table)
+
+
+def _percent(summary: Summary) -> str:
+    share = summary.void_share()
+    return "unknown" if share is None else f"{share:.1%}"
 
 
 def _show_trials(summary: Summary, lines: Sequence[Line], *, as_json: bool) -> None:

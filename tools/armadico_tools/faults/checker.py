@@ -85,7 +85,8 @@ class Checker:
     def __init__(self, bounds: Bounds | None = None) -> None:
         bounds = bounds or Bounds()
         self.auditor = Auditor(v_max=bounds.limit)
-        self.auditor.chart(bounds.walls, bounds.world)
+        if bounds.walls is not None:
+            self.auditor.chart(bounds.walls, bounds.world)
         self.contacts: Counter[str] = Counter()  # by why; "": they break the promise
         self.record = Record(bounds)
         self.sights = Sightings()
@@ -224,13 +225,14 @@ class Checker:
         truth, bounds = self.record.body.truth, self.record.bounds
         assert truth is not None, "it counts contacts"
         here = truth.x, truth.y, truth.theta
-        place = nearest_place(here, bounds.outline, bounds.walls)
+        walls = bounds.walls or ()
+        place = nearest_place(here, bounds.outline, walls)
         if (
             place is None
             or bounds.outline.clearance(*relative(here, (*place, 0.0))[:2]) > TOUCHES_M
         ):
             return None
-        found = touched_of(place, [[wall] for wall in bounds.walls])
+        found = touched_of(place, [[wall] for wall in walls])
         return lambda _: found
 
     def needed(self) -> dict[str, tuple[str, ...]]:

@@ -53,7 +53,7 @@ class Live:
 @dataclass(frozen=True, kw_only=True)
 class Kept:
     recording: Path | None = option("check FILE, and run nothing", metavar="FILE")
-    namespace: str | None = option("check this society (default: all)", metavar="NS")
+    namespace: str | None = option("check this robot (default: the only one)", metavar="NS")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,6 +25,7 @@ from armadico.core.messages import (
     Claim,
     Command,
     Cycle,
+    Description,
     Log,
     RobotState,
 )
@@ -140,7 +141,7 @@ class Bounds:
     outline: Outline = OUTLINE
     coordination: str = ""  # the mechanism, if it is not ballots
     margin: float | None = None  # by which a bid must be better to take over; None: the resource's
-    walls: tuple[Segment, ...] = ()  # of the world, for the places of contacts
+    walls: tuple[Segment, ...] | None = None  # of the world; None: unknown
     world: World | None = None
 
     def stopping_m(self, v: float) -> float:
@@ -170,6 +171,20 @@ def bounds_of(scenario: Scenario) -> Bounds:
         outline=Outline(body.front_m, body.rear_m, body.width_m / 2.0),
         walls=() if world is None else world.outlines,
         world=world,
+    )
+
+
+def described_bounds(about: Description | None) -> Bounds:
+    """The bounds of a robot by its own description; without one its ramps are not checked."""
+    if about is None:
+        return Bounds(v_accel=inf, w_accel=inf)
+    return Bounds(
+        v_max=about.v_max,
+        w_max=about.w_max,
+        v_decel=about.v_decel,
+        v_accel=OVERSHOOT * max(about.v_accel, about.v_decel),
+        w_accel=OVERSHOOT * max(about.w_accel, about.w_decel),
+        outline=Outline(about.front, about.rear, about.half_width),
     )
 
 

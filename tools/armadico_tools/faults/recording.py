@@ -2,27 +2,36 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from itertools import chain
 from operator import itemgetter
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
-from msgspec.structs import replace
+from msgspec import structs
 
+from armadico.core.mechanisms import deciding
 from armadico.core.messages import (
+    BALLOTS,
     Ballot,
     BidRecord,
+    Card,
     Claim,
     Command,
     Cycle,
+    Description,
     Message,
     MessageError,
     RobotState,
 )
 from armadico.observe.audit.auditor import watched
-from armadico.watch.recordings import HERE, Row, rows
+from armadico.observe.audit.live import learn
+from armadico.watch.recorder import REFUSED, SCHEMA_PREFIX
+from armadico.watch.recordings import HERE, Past, RecordingError, Row
 from armadico_tools.faults.checker import Checker
+from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.observations import (
     Bids,
     Left,
@@ -31,7 +40,7 @@ from armadico_tools.faults.observations import (
     Published,
     of_the_wheels,
 )
-from armadico_tools.faults.record import seconds_since
+from armadico_tools.faults.record import Bounds, described_bounds, seconds_since
 
 AT_ONCE_S: Final = 0.02
 """Messages received within this of each other count as simultaneous: each publisher has its own
@@ -39,18 +48,66 @@ connection to the recorder, so they may be recorded in either order."""
 
 SHOWN: Final[tuple[type[Message], ...]] = (*watched(), Claim)
 
+STATE: Final = SCHEMA_PREFIX + RobotState.__name__
+NAMED: Final = frozenset(SCHEMA_PREFIX + kind.__name__ for kind in (Description, Card))
+"""Messages that tell of the robot and what decides who drives."""
+
+
+UNRECORDED: Final = (Promise.SILENCE, Promise.WATCHDOG, Promise.NO_ERROR, Promise.HANDOVER)
+"""What needs the line to the controller, the agents' errors or the faults, which no recording has.
+"""
+
 
 def check(path: Path, namespace: str | None, warn: Callable[[str], None]) -> Checker:
-    """Check a recording, of one namespace if there are several.
+    """Check a recording of one robot, by the ramps and the map that its messages name.
 
-    A recording has neither the line to the controller nor the faults. So a promise that a fault
-    voids (`fault_types.voided`) counts as broken here. Raises RecordingError and OSError.
+    A recording has neither the line to the controller nor the faults. So `UNRECORDED` is not
+    checked, and a promise that a fault voids (`fault_types.voided`) counts as broken here.
+
+    Raises RecordingError, also if there are several robots and none is named, and OSError.
     """
-    checker = Checker()
+    about = _read(Past(path, lambda _: None), namespace)
+    if about.refused:
+        warn(f"{path} holds {about.refused} messages that could not be decoded")
+    checker = Checker(about.bounds)
+    for card in about.cards:
+        learn(checker.auditor, card)
+    past = Past(path, warn)
     checker.update_all(
-        observations(row for row in rows(path, warn) if namespace in (None, row.namespace))
+        observations(row for row in past.rows() if about.namespace in (None, row.namespace))
     )
     return checker
+
+
+class _About(NamedTuple):
+    namespace: str | None
+    bounds: Bounds
+    cards: tuple[Card, ...]
+    refused: int  # messages that could not be decoded
+
+
+def _read(past: Past, namespace: str | None) -> _About:
+    """What a recording tells of the robot. Raises RecordingError and OSError."""
+    past.check()
+    robots, described, cards = set[str](), dict[str, Description](), list[tuple[str, Card]]()
+    refused = Counter[str]()
+    for row in past.rows():
+        refused[row.namespace] += row.key.endswith(REFUSED)
+        if row.schema == STATE:
+            robots.add(row.namespace)
+        message = row.received if row.schema in NAMED else None
+        if isinstance(message, Description):
+            described.setdefault(row.namespace, message)
+        elif isinstance(message, Card):
+            cards.append((row.namespace, message))
+    if namespace is None and len(robots) > 1:
+        names = ", ".join(sorted(robots))
+        raise RecordingError(f"{past.path} holds {names}; name one robot: --namespace NS")
+    robot = namespace or next(iter(robots), None)
+    own = tuple(card for where, card in cards if where == robot)
+    others = ", ".join(each for each in deciding(own) if each != BALLOTS)
+    bounds = described_bounds(described.get(robot or ""))
+    return _About(robot, replace(bounds, coordination=others), own, refused[robot or ""])
 
 
 def observations(recorded: Iterable[Row]) -> Iterator[Observation]:
@@ -75,7 +132,7 @@ def _by_ballots(held: Sequence[Observation]) -> Iterator[Observation]:
     ranked = [(_ballot(seen), seen) for seen in held]
     contend = iter(sorted((each for each in ranked if each[0] is not None), key=itemgetter(0)))
     for rank, seen in ranked:
-        yield seen if rank is None else replace(next(contend)[1], at=seen.at)
+        yield seen if rank is None else structs.replace(next(contend)[1], at=seen.at)
 
 
 def _ballot(seen: Observation) -> tuple[int, int, Ballot] | None:

@@ -148,13 +148,17 @@ class Summary:
         whole = sum(self.moving_s.values()) or 1.0
         return {why: s / whole for why, s in sorted(self.moving_s.items()) if why and s}
 
+    def void_share(self) -> float | None:
+        """The share of the moving time in which contacts are void; None: nothing moved."""
+        return sum(self.void_shares().values()) if sum(self.moving_s.values()) else None
+
     def figures_of(self) -> dict[str, object]:
         """The figures of a variant, for JSON."""
         return {
             "seeds": self.seeds,
             "missions_per_hour": round(self.reached_per_hour(), 1),
             "contacts": dict(sorted(self.contacts.items())),
-            "void_share": round(sum(self.void_shares().values()), 4),
+            "void_share": None if (share := self.void_share()) is None else round(share, 4),
             "broken": len(self.broken),
         }
 
