@@ -6,7 +6,10 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Final
+
+from msgspec.structs import replace
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UnknownError, UsageError
@@ -85,11 +88,12 @@ def _list(args: Options, _which: str) -> int:
 def _show(args: Options, code: str) -> int:
     """Print all of a request, and what would happen, if rehearsals are installed."""
     with args.mesh.client() as client:
-        known = _known(client)
+        known, since = _known(client), monotonic()
         each = next((each for each in known.waiting if each.code == code), None)
         if each is None:
             raise FailedError(f"no request with the code {options.shown(code)} waits")
         forecast = _rehearsed(client, each)
+        each = replace(each, left_s=max(each.left_s - (monotonic() - since), 0.0))
     if args.json:
         print(json.dumps(_plain(each) | {"forecast": forecast}))
         return 0
@@ -105,15 +109,25 @@ def _show(args: Options, code: str) -> int:
 
 
 def _rehearsed(client: Client, each: Approval) -> str:
-    """What a rehearsal says would happen; "" if none is installed, or the request has no goal."""
+    """What a rehearsal says would happen, or why that is not known; "" if none is installed."""
+    from armadico.core.config_errors import ConfigError
     from armadico.core.discovery import REHEARSALS, installed
 
     found = installed(REHEARSALS).get("virtual")
-    if found is None or not each.goal:
+    if found is None:
         return ""
-    x, y = each.goal
-    answer = found.load()(client.mesh, {"goal": [x, y, None]}, samples=SAMPLES, within_s=WITHIN_S)
-    return str(answer["says"])
+    x_y = tuple(each.goal)
+    errand = {"goal": [*x_y, None]} if x_y else {"mission": _named(each)}
+    try:
+        answer = found.load()(client.mesh, errand, samples=SAMPLES, within_s=WITHIN_S)
+    except ConfigError as error:  # a person decides nevertheless, and sees all else
+        return f"unknown: {error}"
+    return f"{answer['answer']}: {answer['says']}"
+
+
+def _named(each: Approval) -> str:
+    """The mission that is asked for, which the assistant agent has checked."""
+    return str(json.loads(each.request.text)["name"])
 
 
 def _answer(args: Options, code: str) -> int:

@@ -1,0 +1,69 @@
+"""`armadico approve show`: a person sees the whole request, and what its rehearsal says."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from contextlib import nullcontext
+from itertools import count
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from armadico.core import discovery
+from armadico.core.config_errors import ConfigError
+from armadico.watch.assistant.messages import AssistantRequest
+from armadico.watch.assistant.policy.messages import Approval, Approvals
+from armadico.watch.commands import approve
+
+GOAL = Approval(
+    "ab12", AssistantRequest("goto", '{"x":5.5}', "m"), "(5.50, 3.00)", "C", 116.0, (5.5, 3.0)
+)
+MISSION = Approval("ab12", AssistantRequest("mission", '{"name":"rounds"}', "m"), "", "each", 116.0)
+
+
+def shown(
+    each: Approval, rehearse: Any, monkeypatch: pytest.MonkeyPatch, *, as_json: bool = True
+) -> None:
+    """Show a request while 20 s pass."""
+    clock = count(0.0, 20.0)
+    offer = SimpleNamespace(load=lambda: rehearse)
+    monkeypatch.setattr(approve, "monotonic", lambda: next(clock))
+    monkeypatch.setattr(approve, "_known", lambda _: Approvals((each,)))
+    monkeypatch.setattr(discovery, "installed", lambda _: {"virtual": offer})
+    mesh = SimpleNamespace(client=lambda: nullcontext(SimpleNamespace(mesh=None)))
+    options: Any = SimpleNamespace(what="show", which="ab12", json=as_json, mesh=mesh)
+    assert approve.run(options) == 0
+
+
+@pytest.mark.parametrize(
+    ("each", "errand"),
+    [(GOAL, {"goal": [5.5, 3.0, None]}), (MISSION, {"mission": "rounds"})],
+)
+def test_the_forecast_is_of_what_is_asked_for_and_has_its_answer(
+    each: Approval,
+    errand: Mapping[str, object],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def rehearse(_: object, wanted: object, **__: object) -> dict[str, str]:
+        assert wanted == errand
+        return {"answer": "unknown", "says": "arrives in 3 of 4"}
+
+    shown(each, rehearse, monkeypatch)
+    found = json.loads(capsys.readouterr().out)
+    assert found["forecast"] == "unknown: arrives in 3 of 4"
+    assert found["left_s"] == 96.0, "the rehearsal took 20 s of them"
+
+
+def test_a_request_that_cannot_be_rehearsed_is_shown(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def rehearse(*_: object, **__: object) -> None:
+        raise ConfigError("no map 'house' here")
+
+    shown(GOAL, rehearse, monkeypatch, as_json=False)
+    said = capsys.readouterr().out
+    assert "unknown: no map 'house' here" in said
+    assert "within 96 s: armadico approve yes ab12" in said
