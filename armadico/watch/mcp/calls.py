@@ -101,7 +101,7 @@ class Rehearsing(Open):
         refused = REFUSED in self.against
         if refused or small["answer"] == "yes":
             small["answer"] = "no" if refused else "unknown"
-        return {"text": f"{self.against}. Driven virtually: {says}", **small}
+        return {"text": f"{self.against}. The rehearsal: {says}", **small}
 
 
 def ill_posed(trial: Trial) -> str:

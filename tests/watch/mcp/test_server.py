@@ -534,7 +534,7 @@ def test_what_the_policy_has_against_a_goal_is_told_with_its_rehearsal(
     served.call(1, "rehearse", place="E")
     _, found = served.answer()
     assert found["answer"] == answer
-    assert found["text"] == (f"{against}. Driven virtually: driven" if against else "driven")
+    assert found["text"] == (f"{against}. The rehearsal: driven" if against else "driven")
     served.end()
 
 
