@@ -80,8 +80,8 @@ def _list(args: Options, _which: str) -> int:
     for each in known.waiting:
         left = f"{each.left_s:3.0f} s left"
         print(options.shown(f"{each.code}  {left}  {_wants(each)}: {each.why}"))
-    if not known.waiting:
-        print("nothing waits")
+    if not known.waiting:  # because nothing is allowed, or nothing is limited, perhaps
+        print(options.shown(f"nothing waits; {known.policy or 'there is no policy'}"))
     return 0
 
 

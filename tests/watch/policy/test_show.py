@@ -1,4 +1,4 @@
-"""`armadico approve show`: a person sees the whole request, and what its rehearsal says."""
+"""`armadico approve`: a person sees what waits and why, and what a rehearsal says of it."""
 
 from __future__ import annotations
 
@@ -67,3 +67,21 @@ def test_a_request_that_cannot_be_rehearsed_is_shown(
     said = capsys.readouterr().out
     assert "unknown: no map 'house' here" in said
     assert "within 96 s: armadico approve yes ab12" in said
+
+
+@pytest.mark.parametrize(
+    ("policy", "said"),
+    [
+        ("limits.toml", "nothing waits; limits.toml"),
+        ("the policy cannot be used, so nothing is allowed", "so nothing is allowed"),
+        ("", "there is no policy"),
+    ],
+)
+def test_that_nothing_waits_is_told_with_why(
+    policy: str, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(approve, "_known", lambda _: Approvals(policy=policy))
+    mesh = SimpleNamespace(client=lambda: nullcontext(None))
+    options: Any = SimpleNamespace(what="list", which=None, json=False, mesh=mesh)
+    assert approve.run(options) == 0
+    assert said in capsys.readouterr().out
