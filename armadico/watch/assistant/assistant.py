@@ -866,7 +866,7 @@ class Assistant(Agent):
 
     def on_obstacles(self, obstacles: Obstacles) -> None:  # noqa: ARG002 - the scene has them
         """End a mission if something that may be a person is too near, and not an echo."""
-        driven = self._driven
+        driven = None if self._learns else self._driven
         why = "" if driven is None else self._scene.crowded(driven[1])
         self._near = self._near + 1 if why else 0
         if driven is not None and self._near >= TOO_NEAR:
