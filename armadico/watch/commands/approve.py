@@ -185,12 +185,16 @@ def _log(args: Options, which: str) -> int:
         raise FailedError(f"{which}: {error.strerror}") from None
     if wrong := found.fault or found.gap:
         raise FailedError(f"{which}: {wrong}")
-    with args.mesh.client() as client:
-        ledger = _ledger(client)
+    ledger, why = None, "no agent of a society remembers its length"
+    try:
+        with args.mesh.client() as client:
+            ledger = _ledger(client)
+    except FailedError as error:  # no society is up: what the log says of itself counts yet
+        why = str(error)
     if ledger is None:
         raise UnknownError(
             f"{which}: the chain of its {found.entries} entries holds; whether it was cut at its"
-            " end is not known: no agent of a society remembers its length"
+            f" end is not known: {why}"
         )
     if fault := against(found, *ledger):
         raise FailedError(f"{which}: {fault}")

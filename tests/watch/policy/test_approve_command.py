@@ -6,14 +6,18 @@ import json
 from collections.abc import Mapping
 from contextlib import nullcontext
 from itertools import count
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import msgspec
 import pytest
 
+from armadico.cli.options import FailedError, UnknownError
 from armadico.core import discovery
 from armadico.core.config_errors import ConfigError
 from armadico.watch.assistant.messages import AssistantRequest
+from armadico.watch.assistant.policy.ledger import BEGIN, Entry, sealed
 from armadico.watch.assistant.policy.messages import Approval, Approvals
 from armadico.watch.commands import approve
 
@@ -85,3 +89,21 @@ def test_that_nothing_waits_is_told_with_why(
     options: Any = SimpleNamespace(what="list", which=None, json=False, mesh=mesh)
     assert approve.run(options) == 0
     assert said in capsys.readouterr().out
+
+
+def test_a_log_is_checked_without_a_society_and_its_end_is_unknown(tmp_path: Path) -> None:
+    """Otherwise that no society is up would have the exit code of a log that was changed."""
+    (log := tmp_path / "requests.jsonl").write_bytes(
+        msgspec.json.encode(sealed(Entry(1, "2026-11-30", "started", "assistant"), BEGIN)) + b"\n"
+    )
+
+    def client() -> None:
+        raise FailedError("no robot agent; start one with `armadico up`")
+
+    mesh = SimpleNamespace(client=client)
+    options: Any = SimpleNamespace(what="log", which=str(log), json=False, mesh=mesh)
+    with pytest.raises(UnknownError, match=r"the chain of its 1 entries holds.*no robot agent"):
+        approve.run(options)
+    log.write_bytes(log.read_bytes().replace(b"started", b"stopped"))
+    with pytest.raises(FailedError, match="line 1"):
+        approve.run(options)
