@@ -364,7 +364,8 @@ class Interface(Agent):
         def on_reply(reply: MissionReply | None) -> None:
             if reply is None and cancel.mission:
                 self._withdraw(cancel)
-            self.answer(question, reply or MissionReply(0, NO_MISSION_PLANNING))
+            unheld = f"the robot does not drive for it, and {NO_MISSION_PLANNING}"
+            self.answer(question, reply or MissionReply(0, unheld))
 
         self.query(MissionWithdrawal(cancel), on_reply)
         return None

@@ -7,17 +7,20 @@ import signal
 import subprocess
 import time
 from contextlib import suppress
+from math import pi
 from pathlib import Path
 
 import pytest
 from psutil import STATUS_ZOMBIE, NoSuchProcess, Process
 
 from armadico.cli import main as armadico
+from armadico.cli import options
 from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import REHEARSALS, find
 from armadico.core.judgement import Answer, unknown
 from armadico.rehearsal import rehearse
 from armadico.rehearsal.answer import Rehearsed, without_samples
+from armadico.rehearsal.commands import rehearse as rehearse_command
 from armadico.rehearsal.present import Present
 from tests.programs import heavy, imports_nothing, starter
 
@@ -37,6 +40,8 @@ THERE = ("--world", "sc4", "--from", "3.4", "0.6", "90")
         (["goto", "3", "1", "--samples", "0"], "expected 1 to 1000"),
         (["goto", "3", "1", "--picture", "a.png"], ".svg"),
         ([*THERE], "name what is rehearsed"),
+        (["goto", "the", "kitchen", *THERE], "no place 'the kitchen' in 'sc4'"),
+        (["goto", "A", "--recording", __file__, "--at", "1"], "names need the recording's world"),
         (["goto", "3", "1", *THERE, "--without", "avoit"], "avoid"),
     ],
 )
@@ -49,6 +54,13 @@ def test_bad_words_are_named(
         code = int(str(end.code))
     assert code == 2
     assert said in capsys.readouterr().err
+
+
+def test_a_goal_is_named_as_for_goto() -> None:
+    there = rehearse_command.Options(
+        what=("goto", "E"), world="house", mesh=options.Recorded(namespace="alone")
+    )
+    assert rehearse_command.errand_of(there).goal == pytest.approx((12.6, 1.2, -pi / 2))
 
 
 def test_without_a_society_it_drives_the_default_one(

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
 EXAMPLES: Final = """\
   armadico rehearse goto 8 1 90                   what would happen if it were sent there
+  armadico rehearse goto kitchen                  to a place by its name
   armadico rehearse goto 8 1 --samples 8 --picture paths.svg
   armadico rehearse mission rounds
   armadico rehearse --without avoid               the present mission, without an agent
@@ -52,7 +53,7 @@ EXAMPLES: Final = """\
   armadico rehearse --recording run.mcap --drive 1   and what did happen
 """
 
-WHAT: Final = "expected goto X Y [DEG], mission FILE, or nothing: the present mission"
+WHAT: Final = "expected goto X Y [DEG], goto NAME, mission FILE, or nothing: the present mission"
 
 
 class Kill(NamedTuple):
@@ -76,8 +77,8 @@ def _kill(text: str) -> Kill:
 @dataclass(frozen=True, kw_only=True)
 class Options:
     what: tuple[str, ...] = argument(
-        "goto X Y [DEG]: to a pose in the world frame, m and degrees; mission FILE: a mission of"
-        " several tasks; nothing: the present mission goes on",
+        "goto X Y [DEG]: to a pose in the world frame, m and degrees; goto NAME: to a place of the"
+        " world; mission FILE: a mission of several tasks; nothing: the present mission goes on",
         nargs="*",
         metavar="WHAT",
         default=(),
@@ -266,12 +267,15 @@ def _driven(
 
 def errand_of(args: Options) -> Errand:
     """What is to be rehearsed. Raises UsageError."""
+    from armadico.config.named import like_number
     from armadico.rehearsal.fork import Errand
 
     goal, mission = None, None
     match args.what:
         case ():
             pass
+        case ("goto", first, *more) if not like_number(first):
+            goal = _named(args, " ".join((first, *more)))
         case ("goto", *numbers) if len(numbers) in (2, 3):
             x, y, *heading = map(_number, numbers)
             goal = (x, y, math.radians(heading[0]) if heading else None)
@@ -286,6 +290,15 @@ def errand_of(args: Options) -> Errand:
     return Errand(
         goal=goal, mission=mission, without=args.without, sets=args.sets, kills=args.kills
     )
+
+
+def _named(args: Options, name: str) -> tuple[float, float, float | None]:
+    """The pose of a place, as of `armadico goto`. Raises UsageError, ConfigError."""
+    if args.recording is not None and args.world is None:  # another society may run here
+        raise UsageError(f"goto {name}: names need the recording's world: give --world MAP")
+    namespace = args.mesh.namespace or default_namespace()
+    place = options.known_gazetteer(args.world, namespace).of(name)
+    return place.x, place.y, place.heading
 
 
 def _number(text: str) -> float:

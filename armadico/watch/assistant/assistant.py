@@ -58,7 +58,16 @@ from armadico.watch.assistant.policy.messages import (
 )
 from armadico.watch.assistant.policy.policy import NO_POLICY, Rules, load
 from armadico.watch.assistant.policy.scene import Scene
-from armadico.watch.assistant.tools import TOOLS, Because, Goal, Named, Numbered
+from armadico.watch.assistant.tools import (
+    REFUSED,
+    REHEARSE,
+    TOOLS,
+    Because,
+    Goal,
+    Named,
+    Numbered,
+    Trial,
+)
 
 LOOK_S: Final = 1.0  # the period of what does not wait for a message
 
@@ -129,6 +138,16 @@ class _Drive:
     approved: approvals.Waiting | None = None  # by a person
     rooms: tuple[str, ...] = ()  # on its way, that need approval and have it
 
+    @property
+    def tool(self) -> str:
+        """Whose rules count, also if it is only rehearsed."""
+        return "mission" if self.goal is None else "goto"
+
+    @property
+    def only_asked(self) -> bool:
+        """Whether it is rehearsed: it is judged, and nothing is begun."""
+        return self.request.tool == REHEARSE.name
+
 
 @dataclass(frozen=True)
 class _Told:
@@ -188,6 +207,7 @@ class Assistant(Agent):
             "cancel": self._cancel,
             "stop": self._stop,
             "resume": self._resume,
+            REHEARSE.name: self._foretell,
         }
         self.clock: Callable[[], datetime] = lambda: datetime.now().astimezone()
         """Returns the local time, for the policy's hours and the log."""
@@ -399,6 +419,10 @@ class Assistant(Agent):
         )
         if self._approvals.always(waiting):
             return False
+        if drive.only_asked:
+            self._waits = None
+            self._finish(drive, AssistantReply(line(f"a person would be asked first: {why}")))
+            return True
         waiting.why = line(why + self._approvals.why_not(waiting))
         self._waits = None
         if refusal := self._approvals.add(waiting):
@@ -473,6 +497,36 @@ class Assistant(Agent):
             return AssistantReply(refusal=line(str(error)))
         self._begin(self._drive(request, question, mission=mission))
         return None
+
+    def _foretell(
+        self, request: AssistantRequest, args: Trial, question: Question
+    ) -> AssistantReply | None:
+        """Judge what a client rehearses, as if it asked for it: the reply says what is against it.
+
+        The server drives it virtually then. Without the reply it would tell a client that it
+        arrives where it may not go.
+        """
+        goal = mission = None
+        if args.x is not None and args.y is not None:
+            goal = Waypoint(args.x, args.y, wrap(radians(args.heading or 0.0)))
+        elif args.mission in names("missions"):
+            try:
+                mission = load_mission(args.mission)
+            except ConfigError as error:
+                return AssistantReply(refusal=line(str(error)))
+        if goal is None and mission is None:  # the present mission, or nothing that there is
+            return AssistantReply()
+        drive = self._drive(request, question, goal, mission)
+        if why := drive.rules.forbids(drive.tool):
+            return self._foretold(drive, AssistantReply(refusal=why))
+        self._begin(drive)
+        return None
+
+    def _foretold(self, drive: _Drive, outcome: AssistantReply) -> AssistantReply:
+        """What would become of a request, of which the refusal is not that of the rehearsal."""
+        if outcome.refusal in ("", BUSY, TAKEN_BACK):
+            return outcome
+        return AssistantReply(line(f"{drive.tool} {REFUSED}{outcome.refusal}"))
 
     def _drive(
         self,
@@ -635,6 +689,10 @@ class Assistant(Agent):
         drive = dataclasses.replace(drive, rooms=rooms)
         if self._lacks_approval(drive):
             return
+        if drive.only_asked:
+            self._waits = None
+            self._finish(drive, AssistantReply())
+            return
         by, section = by_name(drive.request), rules.section
         terms = None if rules is NO_POLICY.default else Terms(by, section.v_max, self.name)
         self._taken.setdefault(rules.name, deque()).append(self.now)
@@ -653,7 +711,7 @@ class Assistant(Agent):
     def _lacks_approval(self, drive: _Drive) -> bool:
         """Let a request wait if it needs a person's yes, and has none; return whether it ended."""
         why = f"the way leads through {', '.join(drive.rooms)}" if drive.rooms else ""
-        why = f"the policy asks for each {drive.request.tool}" if self._asks(drive) else why
+        why = f"the policy asks for each {drive.tool}" if self._asks(drive) else why
         if not why:
             return False
         if drive.approved is None:
@@ -665,7 +723,7 @@ class Assistant(Agent):
         return bool(more)
 
     def _asks(self, drive: _Drive) -> bool:
-        return drive.rules.asks_for(drive.request.tool)
+        return drive.rules.asks_for(drive.tool)
 
     def _give_up(self, drive: _Drive, why: str) -> None:
         """Refuse the request that is being answered."""
@@ -673,6 +731,7 @@ class Assistant(Agent):
         self._finish(drive, AssistantReply(refusal=line(why)))
 
     def _finish(self, drive: _Drive, outcome: AssistantReply) -> None:
+        outcome = self._foretold(drive, outcome) if drive.only_asked else outcome
         self._note(drive.request, outcome)
         drive.deliver(outcome)
 
@@ -807,7 +866,7 @@ class Assistant(Agent):
 
     def on_obstacles(self, obstacles: Obstacles) -> None:  # noqa: ARG002 - the scene has them
         """End a mission if something that may be a person is too near, and not an echo."""
-        driven = self._driven
+        driven = None if self._learns else self._driven
         why = "" if driven is None else self._scene.crowded(driven[1])
         self._near = self._near + 1 if why else 0
         if driven is not None and self._near >= TOO_NEAR:

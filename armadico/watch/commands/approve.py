@@ -6,7 +6,10 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Final
+
+from msgspec.structs import replace
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UnknownError, UsageError
@@ -77,19 +80,20 @@ def _list(args: Options, _which: str) -> int:
     for each in known.waiting:
         left = f"{each.left_s:3.0f} s left"
         print(options.shown(f"{each.code}  {left}  {_wants(each)}: {each.why}"))
-    if not known.waiting:
-        print("nothing waits")
+    if not known.waiting:  # because nothing is allowed, or nothing is limited, perhaps
+        print(options.shown(f"nothing waits; {known.policy or 'there is no policy'}"))
     return 0
 
 
 def _show(args: Options, code: str) -> int:
     """Print all of a request, and what would happen, if rehearsals are installed."""
     with args.mesh.client() as client:
-        known = _known(client)
+        known, since = _known(client), monotonic()
         each = next((each for each in known.waiting if each.code == code), None)
         if each is None:
             raise FailedError(f"no request with the code {options.shown(code)} waits")
         forecast = _rehearsed(client, each)
+        each = replace(each, left_s=max(each.left_s - (monotonic() - since), 0.0))
     if args.json:
         print(json.dumps(_plain(each) | {"forecast": forecast}))
         return 0
@@ -105,15 +109,25 @@ def _show(args: Options, code: str) -> int:
 
 
 def _rehearsed(client: Client, each: Approval) -> str:
-    """What a rehearsal says would happen; "" if none is installed, or the request has no goal."""
+    """What a rehearsal says would happen, or why that is not known; "" if none is installed."""
+    from armadico.core.config_errors import ConfigError
     from armadico.core.discovery import REHEARSALS, installed
 
     found = installed(REHEARSALS).get("virtual")
-    if found is None or not each.goal:
+    if found is None:
         return ""
-    x, y = each.goal
-    answer = found.load()(client.mesh, {"goal": [x, y, None]}, samples=SAMPLES, within_s=WITHIN_S)
-    return str(answer["says"])
+    x_y = tuple(each.goal)
+    errand = {"goal": [*x_y, None]} if x_y else {"mission": _named(each)}
+    try:
+        answer = found.load()(client.mesh, errand, samples=SAMPLES, within_s=WITHIN_S)
+    except ConfigError as error:  # a person decides nevertheless, and sees all else
+        return f"unknown: {error}"
+    return f"{answer['answer']}: {answer['says']}"
+
+
+def _named(each: Approval) -> str:
+    """The mission that is asked for, which the assistant agent has checked."""
+    return str(json.loads(each.request.text)["name"])
 
 
 def _answer(args: Options, code: str) -> int:
@@ -171,12 +185,16 @@ def _log(args: Options, which: str) -> int:
         raise FailedError(f"{which}: {error.strerror}") from None
     if wrong := found.fault or found.gap:
         raise FailedError(f"{which}: {wrong}")
-    with args.mesh.client() as client:
-        ledger = _ledger(client)
+    ledger, why = None, "no agent of a society remembers its length"
+    try:
+        with args.mesh.client() as client:
+            ledger = _ledger(client)
+    except FailedError as error:  # no society is up: what the log says of itself counts yet
+        why = str(error)
     if ledger is None:
         raise UnknownError(
             f"{which}: the chain of its {found.entries} entries holds; whether it was cut at its"
-            " end is not known: no agent of a society remembers its length"
+            f" end is not known: {why}"
         )
     if fault := against(found, *ledger):
         raise FailedError(f"{which}: {fault}")

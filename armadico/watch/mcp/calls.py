@@ -11,8 +11,9 @@ from msgspec.structs import replace
 
 from armadico.config.shipped import names
 from armadico.core.messages import MessageError, checked
+from armadico.observe.jsons import JsonObject
 from armadico.watch.assistant.messages import AssistantReply, AssistantRequest
-from armadico.watch.assistant.tools import Goal, Numbered, Trial
+from armadico.watch.assistant.tools import REFUSED, Goal, Numbered, Trial
 from armadico.watch.mcp.lines import Call, answer, in_ascii, progress
 from armadico.watch.mcp.short import fitted
 from armadico.watch.mcp.waiting import Wait
@@ -77,10 +78,30 @@ class Approving(Open):
 
 @dataclass(eq=False)
 class Rehearsing(Open):
-    """It is answered by a rehearsal, on a thread of its own."""
+    """It is answered by a rehearsal, on a thread of its own.
 
-    done: int = 0  # samples
-    answer: Mapping[str, Any] | str | None = None  # a text: the refusal
+    Attributes:
+        against: What the policy has against what is rehearsed; "" if nothing.
+        done: Samples that have ended.
+        answer: What the rehearsal told; a text: why it is refused.
+    """
+
+    against: str = ""
+    done: int = 0
+    answer: Mapping[str, Any] | str | None = None
+
+    @property
+    def told(self) -> JsonObject:
+        """The rehearsal's answer in short. It is no yes if the policy has something against it."""
+        assert isinstance(self.answer, Mapping), "it has ended"
+        small, says = dict(self.answer["small"]), self.answer["says"]
+        small.pop("says", None)
+        if not self.against:
+            return {"text": says, **small}
+        refused = REFUSED in self.against
+        if refused or small["answer"] == "yes":
+            small["answer"] = "no" if refused else "unknown"
+        return {"text": f"{self.against}. The rehearsal: {says}", **small}
 
 
 def ill_posed(trial: Trial) -> str:

@@ -370,10 +370,8 @@ class Server:
                 return each.asked.began + REHEARSED_S, f"{each.done} drives have ended"
             case Rehearsing(answer=str(why)):
                 refuse(each.asked, why)
-            case Rehearsing(answer=Mapping() as told):
-                small = {name: value for name, value in told["small"].items() if name != "says"}
-                said = {"text": told["says"], **small}
-                each.asked.send(answer(each.asked.call, fitted(said)))
+            case Rehearsing():
+                each.asked.send(answer(each.asked.call, fitted(each.told)))
         return None
 
     def _check_asked(self, each: Asking, now: float) -> News | None:
@@ -525,11 +523,11 @@ class Server:
             mission_of = {"mission": str(reply.mission)} if reply.mission else {}
             asked.send(answer(call, fitted({"text": reply.text} | mission_of)))
         elif call.tool == REHEARSE.name:
-            self._try(asked, msgspec.json.decode(call.text, type=Trial))
+            self._try(asked, msgspec.json.decode(call.text, type=Trial), reply.text)
         else:
             self._show(asked)
 
-    def _try(self, asked: Asked, trial: Trial) -> None:
+    def _try(self, asked: Asked, trial: Trial, against: str) -> None:
         """Begin a rehearsal; one at a time, since each takes all spare processors."""
         if self._rehearse is None:
             refuse(asked, "no rehearsal is installed here")
@@ -540,7 +538,7 @@ class Server:
         if self._has(Rehearsing):
             refuse(asked, "another rehearsal is under way: ask again when it has ended")
             return
-        begun = Rehearsing(asked)
+        begun = Rehearsing(asked, against)
         self._open.append(begun)
         drive, errand = self._rehearse, dict[str, object]()
         if trial.x is not None and trial.y is not None:

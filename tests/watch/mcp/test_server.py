@@ -44,7 +44,7 @@ class Guest:
         self.busy, self.absent = busy, absent
         self.requests: list[AssistantRequest] = []
         self.asked: queue.Queue[str] = queue.Queue()  # the same, for who waits for them
-        self.replies: dict[str, list[AssistantReply]] = {}  # by tool; the last one stays
+        self.replies = {"rehearse": [AssistantReply()]}  # by tool; the last one stays
         self.stopped = ""
         self.holds = ("goto", "where")
         self.begun: list[tuple[AssistantRequest, Then]] = []
@@ -506,6 +506,35 @@ def test_a_rehearsal_delays_no_other_call_and_there_is_one_at_a_time(
     assert "did you mean" in served.answer()[1]["refused"]
     served.call(5, "rehearse", mission="rounds")
     assert served.answer()[1]["refused"] == "no agent 'x'"
+    served.end()
+
+
+@pytest.mark.parametrize(
+    ("against", "virtual", "answer"),
+    [
+        ("", "yes", "yes"),
+        ("", "unknown", "unknown"),
+        ("goto would be refused: the policy (default) forbids goto", "yes", "no"),
+        ("goto would be refused: the policy (default) forbids goto", "unknown", "no"),
+        ("a person would be asked first: the way leads through C", "yes", "unknown"),
+        ("a person would be asked first: the way leads through C", "no", "no"),
+    ],
+)
+def test_what_the_policy_has_against_a_goal_is_told_with_its_rehearsal(
+    house: Gazetteer, monkeypatch: pytest.MonkeyPatch, against: str, virtual: str, answer: str
+) -> None:
+    monkeypatch.setitem(TOOLS, "rehearse", REHEARSE)
+
+    def rehearse(*_: object, **__: object) -> dict[str, object]:
+        return {"says": "driven", "small": {"answer": virtual, "says": "driven"}}
+
+    guest = Guest()
+    guest.replies["rehearse"] = [AssistantReply(against)]
+    served = Served(Guest(), guest, house, rehearse)
+    served.call(1, "rehearse", place="E")
+    _, found = served.answer()
+    assert found["answer"] == answer
+    assert found["text"] == (f"{against}. The rehearsal: driven" if against else "driven")
     served.end()
 
 

@@ -190,7 +190,8 @@ class Approvals:
         """The client asks what became of its request."""
         found = self._all.get(number)
         if found is None or found.request.by != by:
-            return AssistantReply(refusal=f"no request of yours waits as {number}")
+            why = "it ended before, or with an assistant agent that has restarted; ask again"
+            return AssistantReply(refusal=f"no request of yours waits as {number}: {why}")
         found.seen_at = now
         if found.outcome is not None:
             return found.outcome

@@ -166,9 +166,9 @@ class Rules:
             off = away((x, y), path) - radius
             now = inf if here is None else hypot(here[0] - x, here[1] - y) - radius
             if off < min(least, now - NEARER_M):
-                return (
-                    f"something that is on no map, perhaps a person, is at ({x:.2f}, {y:.2f}),"
-                    f" {max(off, 0.0):.2f} m from the way; the policy ({self.name}) has {least:g} m"
+                return (  # the least last but one: who cancels says no more than 128 characters
+                    f"something on no map, perhaps a person, is {max(off, 0.0):.2f} m from the way,"
+                    f" at ({x:.2f}, {y:.2f}): nearer than {least:g} m, by the policy ({self.name})"
                 )
         return ""
 

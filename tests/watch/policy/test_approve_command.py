@@ -1,0 +1,109 @@
+"""`armadico approve`: a person sees what waits and why, and what a rehearsal says of it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from contextlib import nullcontext
+from itertools import count
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+import pytest
+
+from armadico.cli.options import FailedError, UnknownError
+from armadico.core import discovery
+from armadico.core.config_errors import ConfigError
+from armadico.watch.assistant.messages import AssistantRequest
+from armadico.watch.assistant.policy.ledger import BEGIN, Entry, sealed
+from armadico.watch.assistant.policy.messages import Approval, Approvals
+from armadico.watch.commands import approve
+
+GOAL = Approval(
+    "ab12", AssistantRequest("goto", '{"x":5.5}', "m"), "(5.50, 3.00)", "C", 116.0, (5.5, 3.0)
+)
+MISSION = Approval("ab12", AssistantRequest("mission", '{"name":"rounds"}', "m"), "", "each", 116.0)
+
+
+def shown(
+    each: Approval, rehearse: Any, monkeypatch: pytest.MonkeyPatch, *, as_json: bool = True
+) -> None:
+    """Show a request while 20 s pass."""
+    clock = count(0.0, 20.0)
+    offer = SimpleNamespace(load=lambda: rehearse)
+    monkeypatch.setattr(approve, "monotonic", lambda: next(clock))
+    monkeypatch.setattr(approve, "_known", lambda _: Approvals((each,)))
+    monkeypatch.setattr(discovery, "installed", lambda _: {"virtual": offer})
+    mesh = SimpleNamespace(client=lambda: nullcontext(SimpleNamespace(mesh=None)))
+    options: Any = SimpleNamespace(what="show", which="ab12", json=as_json, mesh=mesh)
+    assert approve.run(options) == 0
+
+
+@pytest.mark.parametrize(
+    ("each", "errand"),
+    [(GOAL, {"goal": [5.5, 3.0, None]}), (MISSION, {"mission": "rounds"})],
+)
+def test_the_forecast_is_of_what_is_asked_for_and_has_its_answer(
+    each: Approval,
+    errand: Mapping[str, object],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def rehearse(_: object, wanted: object, **__: object) -> dict[str, str]:
+        assert wanted == errand
+        return {"answer": "unknown", "says": "arrives in 3 of 4"}
+
+    shown(each, rehearse, monkeypatch)
+    found = json.loads(capsys.readouterr().out)
+    assert found["forecast"] == "unknown: arrives in 3 of 4"
+    assert found["left_s"] == 96.0, "the rehearsal took 20 s of them"
+
+
+def test_a_request_that_cannot_be_rehearsed_is_shown(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def rehearse(*_: object, **__: object) -> None:
+        raise ConfigError("no map 'house' here")
+
+    shown(GOAL, rehearse, monkeypatch, as_json=False)
+    said = capsys.readouterr().out
+    assert "unknown: no map 'house' here" in said
+    assert "within 96 s: armadico approve yes ab12" in said
+
+
+@pytest.mark.parametrize(
+    ("policy", "said"),
+    [
+        ("limits.toml", "nothing waits; limits.toml"),
+        ("the policy cannot be used, so nothing is allowed", "so nothing is allowed"),
+        ("", "there is no policy"),
+    ],
+)
+def test_that_nothing_waits_is_told_with_why(
+    policy: str, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(approve, "_known", lambda _: Approvals(policy=policy))
+    mesh = SimpleNamespace(client=lambda: nullcontext(None))
+    options: Any = SimpleNamespace(what="list", which=None, json=False, mesh=mesh)
+    assert approve.run(options) == 0
+    assert said in capsys.readouterr().out
+
+
+def test_a_log_is_checked_without_a_society_and_its_end_is_unknown(tmp_path: Path) -> None:
+    """Otherwise that no society is up would have the exit code of a log that was changed."""
+    (log := tmp_path / "requests.jsonl").write_bytes(
+        msgspec.json.encode(sealed(Entry(1, "2026-11-30", "started", "assistant"), BEGIN)) + b"\n"
+    )
+
+    def client() -> None:
+        raise FailedError("no robot agent; start one with `armadico up`")
+
+    mesh = SimpleNamespace(client=client)
+    options: Any = SimpleNamespace(what="log", which=str(log), json=False, mesh=mesh)
+    with pytest.raises(UnknownError, match=r"the chain of its 1 entries holds.*no robot agent"):
+        approve.run(options)
+    log.write_bytes(log.read_bytes().replace(b"started", b"stopped"))
+    with pytest.raises(FailedError, match="line 1"):
+        approve.run(options)
