@@ -280,4 +280,5 @@ def test_the_profile_that_is_named_is_what_is_compared(
     assert place != (0.0, 0.0, 0.0)
     path = log_of(tmp_path / "log.npz", place, down=laser.upside_down)
     assert told(capsys, path, "--profile", with_laser())[0] == 0
-    assert told(capsys, path)[0] == 1
+    code, found, _ = told(capsys, path)
+    assert (code, found["compared_with"]) == (1, "log")

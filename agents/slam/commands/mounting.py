@@ -68,6 +68,7 @@ class Found:
     """All that was measured, for JSON."""
 
     quantities: Sequence[Quantity]
+    compared_with: str  # "profile", or "log": the mounting that it assumes
     proposed: str  # lines of a profile
     pairs: int  # of scans that fitted,
     pairs_tried: int
@@ -113,11 +114,12 @@ def run(args: Options) -> int:
     judged = all_of([log.judgement, why, *(one.judgement for one in quantities)])
     lines = "\n".join(proposed(quantities))
     way, turn = (0.0, 0.0) if solution is None else (solution.way, solution.turn)
-    found = Found(quantities, lines, len(pairs), len(tried), way, degrees(turn))
+    against = "log" if profile is None else "profile"
+    found = Found(quantities, against, lines, len(pairs), len(tried), way, degrees(turn))
     log_file.report(args, log, judged, found, _rows(found), share)
     if lines and not args.json:
         print(f"Lines for the profile:\n\n{lines}\n")
-    return log_file.conclude(judged, "the drive agrees with the profile", say)
+    return log_file.conclude(judged, f"the drive agrees with the {against}", say)
 
 
 def _profile(args: Options, log: Log, say: Callable[[str], None]) -> RobotProfile | None:
@@ -287,7 +289,7 @@ def _rows(found: Found) -> Iterator[tuple[str, str]]:
         elif one.measured is not None:
             text = f"{one.measured:.3f} ± {one.interval:.3f}"
         label = f"{one.name}, {one.unit}" if one.unit else one.name
-        yield label, f"{text}  {said[one.judgement.answer]}  (profile {was})"
+        yield label, f"{text}  {said[one.judgement.answer]}  ({found.compared_with} {was})"
 
 
 main: Final = Command(
