@@ -23,7 +23,7 @@ from armadico.observe.audit.driving import Brakes, Earned, Honest, Speed, Stands
 from armadico.observe.audit.failures import Failed, Refuses
 from armadico.observe.audit.missions import Ends, Reached, Visits
 from armadico.observe.audit.paths import Clears, Leads, Waits
-from armadico.observe.audit.poses import Doubts, Found, Heading, Moves, Rated, Scaled
+from armadico.observe.audit.poses import Claims, Doubts, Found, Heading, Moves, Rated, Scaled
 from armadico.observe.audit.promises import Excuse, Finding
 from armadico.observe.audit.reflexes import Reflexes
 from armadico.observe.audit.rules import MISSING, Handler, Rule, handler_of
@@ -59,6 +59,7 @@ RULES: Final[tuple[type[Rule], ...]] = (
         Scaled,
         Rated,
         Moves,
+        Claims,
         Changes,
         Renewed,
         Fits,

@@ -7,7 +7,7 @@ from math import atan2, dist, hypot, inf, pi, sqrt
 from typing import Final
 
 from armadico.core.messages import Cycle, RobotState
-from armadico.mobile.behaviour import FOUND_S
+from armadico.mobile.behaviour import FOUND_S, LOST_M
 from armadico.mobile.geometry import Pose2, compose, relative, wrap
 from armadico.mobile.messages import Correction, InitialPose, Pose, Truth
 from armadico.observe.audit.promises import Excuse, Finding, Promise
@@ -31,6 +31,9 @@ POSES = 64
 STEP_DEVIATIONS, STEP_FREE_M = 4.0, 0.25
 """A pose moves otherwise than the odometry by no more than so many of its deviations before and
 after, and the second, m."""
+
+MOVES_M_S: Final = 0.05
+"""Faster than this, m/s or rad/s, it moves."""
 
 PIECE_M, WINDOW_M = 0.5, 3.0
 """The odometry's way is compared with the robot's in pieces, until they are so long, m."""
@@ -165,6 +168,79 @@ class Moves(Rule):
         if off > STEP_FREE_M + STEP_DEVIATIONS * known and not now.excuse(Excuse.DISTURBED):
             what = f"the pose moved by {off:.2f} m otherwise than the odometry"
             yield self.found(now, "localization", what, f"+-{known:.2f} m")
+
+
+SIGMAS, ALLOWED_M, ALLOWED_RAD = 3.0, 0.15, 0.15
+"""A pose is wrong if its error exceeds so many of its standard deviations plus the others, m and
+rad: the tolerance of a goal, and of a direction to an obstacle at 1 m."""
+
+OVERCONFIDENT_S: Final = 5.0
+"""A robot may move for this time, s, with a pose that is wrong beyond its covariance. That is about
+the distance over which localization detects that its readings do not fit."""
+
+SKEW_S: Final = 0.25
+"""Truth and state of a cycle may be so far apart, s."""
+
+
+def may_be_off(pose: Pose) -> tuple[float, float]:
+    """The error allowed by a pose's covariance, m and rad; infinite if it is lost."""
+    if pose.deviation > LOST_M:
+        return inf, inf
+    return SIGMAS * pose.deviation + ALLOWED_M, SIGMAS * pose.heading_deviation + ALLOWED_RAD
+
+
+class Claims(Rule):
+    """A pose is off the truth by no more than its covariance, or for some seconds of driving only.
+
+    The fault bed judges the same through its faults (`armadico_tools.faults.pose`).
+    """
+
+    promise = Promise.POSE
+    needs = (RobotState, Pose)
+    sees = (Truth,)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._truths: dict[Cycle, Truth] = {}
+        self._wrong_s, self._last_at = 0.0, -inf
+
+    @property
+    def pending(self) -> str:
+        """Without a truth a pose may be off as its readings are, so it is not known to be right."""
+        return "" if self._truths else "no Truth received"
+
+    @property
+    def due(self) -> bool:
+        return self.checked and not self._truths
+
+    def on_robot_state(self, state: RobotState, now: Scene) -> None:
+        if now.truth is not None:
+            self._truths[state.cycle] = now.truth
+            if len(self._truths) > POSES:
+                del self._truths[next(iter(self._truths))]
+
+    def on_pose(self, pose: Pose, now: Scene) -> Iterator[Finding]:
+        truth, state = self._truths.get(pose.cycle), now.state
+        dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
+        if state is None or not pose.covariance:
+            return
+        self.checked = True
+        if truth is None:
+            return
+        off = dist((pose.x, pose.y), (truth.x, truth.y))
+        turned = abs(wrap(pose.theta - truth.theta))
+        most, most_rad = may_be_off(pose)
+        beyond = off - SKEW_S * abs(truth.v) > most or turned - SKEW_S * abs(truth.w) > most_rad
+        if not beyond or now.excuse(Excuse.DISTURBED) is not None:
+            self._wrong_s = 0.0
+        elif max(abs(truth.v), abs(truth.w)) > MOVES_M_S:
+            self._wrong_s += dt
+        if self._wrong_s > OVERCONFIDENT_S:
+            self._wrong_s = -inf  # once, until it is right again
+            what = f"a pose is off by {off:.2f} m, {turned:.2f} rad, for"
+            what += f" {OVERCONFIDENT_S:.0f} s of driving"
+            allows = f"it allows {most:.2f} m, {most_rad:.2f} rad"
+            yield self.found(now, "localization", what, allows)
 
 
 class Scaled(Rule):

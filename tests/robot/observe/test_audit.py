@@ -977,6 +977,25 @@ def test_without_a_truth_readings_show_whether_the_place_of_a_goal_is_known(
     assert all(unknown in each.what for each in found)
 
 
+@pytest.mark.parametrize(
+    ("off", "covariance", "broken"),
+    [
+        (0.1, SURE, False),
+        (0.5, SURE, True),
+        (0.5, ROUGH, False),
+        (9.0, LOST, False),
+        (9.0, (), False),
+    ],
+)
+def test_a_pose_that_is_off_the_truth_beyond_its_covariance_is_not_kept(
+    off: float, covariance: tuple[float, ...], broken: bool
+) -> None:
+    drive = Drive(off=off, covariance=covariance).go(4)
+    assert Promise.POSE not in [promise for promise, _ in drive.found], "for some seconds"
+    drive.go(4)
+    assert ((Promise.POSE, "localization") in drive.found) is broken
+
+
 def test_the_truth_of_another_robots_simulator_counts_nothing() -> None:
     drive = Drive().go(1)
     for count in (0, 5):

@@ -9,7 +9,7 @@ from msgspec import structs
 
 from armadico.bridge.p2os.commands import Cmd
 from armadico.config.scenarios import load_scenario
-from armadico_tools.faults.record import may_be_off
+from armadico.observe.audit.poses import may_be_off
 from tests.robot.society import ballots_never_go_down
 from tests.whole.live.conftest import Start
 from tests.whole.live.society import LINE

@@ -19,7 +19,8 @@ from armadico.core.judgement import Answer
 from armadico.core.messages import Message
 from armadico.mobile.geometry import relative
 from armadico.mobile.messages import Scan, Sonar, Truth
-from armadico.observe.audit.auditor import Auditor
+from armadico.observe.audit.auditor import RULES, Auditor
+from armadico.observe.audit.poses import Claims
 from armadico.observe.audit.promises import Finding
 from armadico_tools.faults.ballots import Fresh, OneCommander, OneDriver, OneHolder
 from armadico_tools.faults.contacts import (
@@ -84,7 +85,9 @@ class Checker:
 
     def __init__(self, bounds: Bounds | None = None) -> None:
         bounds = bounds or Bounds()
-        self.auditor = Auditor(v_max=bounds.limit)
+        # By the truth the bed judges poses itself, through all faults (`Localized`).
+        rules = (rule for rule in RULES if rule is not Claims)
+        self.auditor = Auditor(rules, v_max=bounds.limit)
         if bounds.walls is not None:
             self.auditor.chart(bounds.walls, bounds.world)
         self.contacts: Counter[str] = Counter()  # by why; "": they break the promise

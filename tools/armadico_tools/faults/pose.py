@@ -12,13 +12,10 @@ from math import hypot, inf, pi, sin
 from armadico.core.messages import Cycle, RobotState
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import Pose, Truth
+from armadico.observe.audit.poses import OVERCONFIDENT_S, may_be_off
 from armadico_tools.faults.fault_types import SLOWS, Promise
 from armadico_tools.faults.observations import Astray, Observation, Published
-from armadico_tools.faults.record import POSES, Bounds, Record, may_be_off, moves
-
-OVERCONFIDENT_S = 5.0
-"""A robot may move for this time, s, with a pose that is wrong beyond its covariance. That is about
-the distance over which localization detects that its readings do not fit."""
+from armadico_tools.faults.record import POSES, Bounds, Record, moves
 
 BASE_M, BASE_RAD = 0.02, 0.02
 """Error of a pose without a cause. In 16 drives of 4 minutes without a fault it was at most 0.6 mm
@@ -42,7 +39,8 @@ SPARE = 1.1
 class Localized:
     """A pose is off by no more than its covariance, or for a few seconds of driving only.
 
-    By the truth; the auditor compares poses with the odometry, corrections and walls.
+    By the truth, through all faults; the auditor does where none is on (`audit.poses.Claims`), and
+    compares poses with the odometry, corrections and walls.
 
     Without a covariance it is off by no more than the motion that could not be counted: while the
     line to the controller was broken, until the next `robot/state`, and in contact with obstacles.

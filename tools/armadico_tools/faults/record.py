@@ -31,10 +31,10 @@ from armadico.core.messages import (
 )
 from armadico.core.outgoing import EXPIRY_S
 from armadico.core.resources import WHEELS
-from armadico.mobile.behaviour import LOST_M
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import MissionState, MissionStatus, Pose, Truth
 from armadico.mobile.swept_path import Outline
+from armadico.observe.audit.poses import may_be_off
 from armadico.observe.view import driver
 from armadico_tools.faults.fault_types import (
     AGAIN_S,
@@ -59,12 +59,6 @@ from armadico_tools.faults.observations import (
 MOVING_M_S = 0.02
 MOVING_RAD_S = 0.05
 """Faster than this counts as moving; it is above the noise of encoders at rest."""
-
-SIGMAS = 3.0
-"""A pose is wrong if its error exceeds this many of its standard deviations plus `ALLOWED_*`."""
-
-ALLOWED_M, ALLOWED_RAD = 0.15, 0.15
-"""Tolerance of a goal, and of a direction to an obstacle at 1 m."""
 
 OVER_S = 2.0
 """A fault's voids end after this time, s, if the robot has not come to rest before."""
@@ -104,13 +98,6 @@ BID_AGE_S = 0.35
 def moves(v: float, w: float) -> bool:
     """Whether a speed counts as moving, m/s and rad/s."""
     return abs(v) >= MOVING_M_S or abs(w) >= MOVING_RAD_S
-
-
-def may_be_off(pose: Pose) -> tuple[float, float]:
-    """The error allowed by a pose's covariance, m and rad; infinite if it is lost."""
-    if pose.deviation > LOST_M:
-        return inf, inf
-    return SIGMAS * pose.deviation + ALLOWED_M, SIGMAS * pose.heading_deviation + ALLOWED_RAD
 
 
 @dataclass(frozen=True)
