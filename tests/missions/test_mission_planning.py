@@ -73,6 +73,7 @@ def test_what_cannot_be_done_is_refused_with_line_and_nearest_name() -> None:
 def test_without_mission_planning_people_are_told_so() -> None:
     building = Building(without=("mission-planning",))
     assert building.order().refusal.startswith("no mission planning agent answered")
+    assert building.cancel(7).startswith("the robot does not drive for it, and no mission planning")
 
 
 def test_what_was_refused_for_want_of_an_answer_is_not_done_later() -> None:
