@@ -29,8 +29,9 @@ LEAVE_S: Final = 10.0
 def served(start: Start, command: str, *words: str) -> Iterator[Program]:
     """Run a command with `words` while this is entered, and print its first line: a link.
 
-    The command has the options `--world`, `--namespace` and `STARTING`, and ends by SIGINT. Raises
-    FailedError if it does not start; the reason is on stderr.
+    The command has the options `--world`, `--namespace` and `STARTING`, and ends by SIGINT, and by
+    SIGTERM if this process is killed. Raises FailedError if it does not start; the reason is on
+    stderr.
     """
     from armadico.launch.processes import command_line
     from armadico.launch.programs import Program, end
@@ -38,7 +39,7 @@ def served(start: Start, command: str, *words: str) -> Iterator[Program]:
     argv = [command, STARTING, *words, *start.mesh.endpoints().words]
     argv += [] if start.world is None else [f"--world={start.world}"]
     argv += [f"--namespace={name}" for name in start.namespaces]
-    process = Program(command, command_line(argv), None, listen=True)
+    process = Program(command, command_line(argv, tied=True), None, listen=True)
     try:
         link = process.line()  # empty if the process ends
         if not link:

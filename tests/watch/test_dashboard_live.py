@@ -11,9 +11,10 @@ import urllib.error
 import urllib.parse
 import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import psutil
 import pytest
 
 pytest.importorskip("rerun", reason="the dashboard's extra is not installed")
@@ -31,7 +32,7 @@ from armadico.watch.commands import dashboard as command
 from armadico.watch.commands.dashboard_option import Dashboard
 from armadico.watch.dashboard import viewer
 from armadico.watch.screen import has_screen
-from tests.programs import starter
+from tests.programs import SOON, starter
 from tests.watch.kept import GOTO, NAMESPACE, Kept, ack, ballot, cycle, state
 
 LINK = "dashboard: "
@@ -279,3 +280,19 @@ def test_a_virtual_run_is_recorded_for_rerun(tmp_path: Path) -> None:
         == 0
     )
     assert "/robot1/map/world/path" in Kept(path).rows
+
+
+@pytest.mark.live
+def test_a_viewer_whose_dashboard_is_killed_ends_too() -> None:
+    with started("--web-port=0", "--no-open") as process:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith(LINK)
+        (child,) = children(process.pid)
+        window = psutil.Process(child)
+        try:
+            process.send_signal(signal.SIGKILL)
+            _, left = psutil.wait_procs([window], timeout=SOON)
+            assert not left, "it would hold its port"
+        finally:
+            with suppress(psutil.NoSuchProcess):
+                window.kill()

@@ -7,9 +7,13 @@ import re
 import signal
 import socket
 import subprocess
+import sys
 import urllib.error
 import urllib.request
+from contextlib import suppress
+from pathlib import Path
 
+import psutil
 import pytest
 
 from armadico.cli import main as armadico
@@ -20,7 +24,7 @@ from armadico.mesh.ports import free_port
 from armadico.watch.beside import Helpers
 from armadico.watch.commands.page import TOKEN_VARIABLE
 from armadico.watch.commands.page_option import OfRun
-from tests.programs import starter
+from tests.programs import SOON, starter
 
 LINK = re.compile(r"page: (http://\S+?:(\d+)/)(?:#token=(\S+))?(?: \(also at .*\))?\n")
 
@@ -71,6 +75,31 @@ def test_beside_a_society_it_is_there_until_that_is_ended() -> None:
         assert "no robot agent" not in errors, "it was being started"
         with pytest.raises(urllib.error.URLError):
             read(link)
+
+
+@pytest.mark.live
+def test_beside_a_command_that_is_killed_it_ends_too(tmp_path: Path) -> None:
+    script = """if True:
+        import time
+        from armadico.cli.additions import Start
+        from armadico.cli.options import Mesh
+        from armadico.watch.beside import served
+
+        with served(Start(scenario=None, mesh=Mesh(), namespaces=("p",)), "page", "--port=0") as it:
+            print(it.popen.pid, flush=True)
+            time.sleep(1e6)
+    """
+    with starter((sys.executable, "-c", script), cwd=tmp_path) as start:
+        process = start()
+        assert process.stdout is not None
+        page = psutil.Process(int(process.stdout.readline()))
+        try:
+            process.send_signal(signal.SIGKILL)
+            _, left = psutil.wait_procs([page], timeout=SOON)
+            assert not left, "it would hold its port"
+        finally:
+            with suppress(psutil.NoSuchProcess):
+                page.kill()
 
 
 @pytest.mark.long

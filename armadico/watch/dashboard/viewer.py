@@ -1,4 +1,4 @@
-"""The viewer process: rerun's binary, on loopback, with limited memory.
+"""The viewer process: rerun's binary, on loopback, with limited memory. It ends with this process.
 
 The `rerun` command on the path is not used: it is a wrapper that leaves the real program running
 when it ends. Its default of listening on all interfaces is not used either.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import socket
 import tempfile
 import time
@@ -18,6 +19,7 @@ from urllib.parse import urlencode
 
 import rerun_cli
 
+from armadico.launch.processes import bound
 from armadico.launch.programs import Program, end
 from armadico.mesh.ports import LOOPBACK, free_port
 from armadico.watch.screen import has_screen
@@ -46,6 +48,7 @@ class Viewer(Program):
         self.port = port
         self._file = tempfile.NamedTemporaryFile()  # noqa: SIM115 - closed with the viewer
         argv = [str(binary()), "--bind", LOOPBACK, *arguments]
+        argv = bound(argv, signal.SIGTERM)  # otherwise it would keep the port if this is killed
         super().__init__("viewer", argv, Path(self._file.name), env={"RUST_LOG": log})
         try:
             self._await_port()
