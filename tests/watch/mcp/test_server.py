@@ -26,7 +26,7 @@ from armadico.watch.assistant.tools import REHEARSE, TOOLS
 from armadico.watch.mcp import server
 from armadico.watch.mcp.answers import Society
 from armadico.watch.mcp.lines import LONGEST, Call, Lines
-from armadico.watch.mcp.server import WAITING, Server, lines_of
+from armadico.watch.mcp.server import AGAIN_S, NOT_BEGUN, WAITING, Server, lines_of
 from armadico.watch.mcp.short import LARGEST
 from armadico.watch.mcp.waiting import Wait
 
@@ -86,11 +86,11 @@ class Guest:
 class SilentWatcher:
     """A watcher that receives what a test puts in; its clock is ahead of others."""
 
-    def __init__(self, society: Society) -> None:
+    def __init__(self, society: Society, clock: Callable[[], int] | None = None) -> None:
         self._society = society
         self.messages: queue.SimpleQueue[Message] = queue.SimpleQueue()
         self.ahead_s = 0.0
-        self._clock = Clock()
+        self._clock = clock or Clock()
 
     def get(self, for_s: float) -> None:
         """Wait as long as is waited for messages."""
@@ -319,23 +319,29 @@ def test_cancel_overtakes_calls_that_are_planned_and_takes_back_those_that_have_
 
 
 def test_a_goal_that_no_agent_has_answered_yet_is_not_begun_after_its_cancel() -> None:
+    """Without threads and on a clock that stands, so that each turn does the same every time."""
     guest = Guest(absent=True)
     guest.replies["cancel"] = [AssistantReply(refusal="no goal of yours is known")]
-    served = Served(Guest(), guest)
-    served.call(1, "goto", x=1.0, y=1.0)
-    while guest.asked.get(timeout=SOON) != "goto":
-        pass
-    served.call(2, "cancel")
-    while guest.asked.get(timeout=SOON) != "cancel":
-        pass
-    before = [request.tool for request in guest.requests].count("goto")
+    guests: Any = (Guest(), guest)
+    society = Society(None, {})
+    watcher: Any = SilentWatcher(society, lambda: 0)
+    serving = Server(guests, watcher, society, lambda: None)
+    answers: list[bytes] = []
+    serving.receive(Call(id=1, tool="goto", text='{"x":1.0,"y":1.0}'), answers.append)
+    serving.turn()
+    serving.turn()  # nothing has answered
+    serving.receive(Call(id=2, tool="cancel", text="{}"), answers.append)
+    serving.turn()
     guest.absent = False  # the agent is up now
-    assert served.answer() == (1, {"refused": "cancelled before it had begun"})
-    assert served.answer() == (2, {"text": "cancelled before it had begun"})
-    served.call(3, "where")
-    assert served.answer()[0] == 3
-    assert [request.tool for request in guest.requests].count("goto") == before
-    served.end()
+    for _ in range(3):
+        watcher.ahead_s += AGAIN_S
+        serving.turn()
+    found = [json.loads(each) for each in answers]
+    assert [(each["id"], each["result"]["structuredContent"]) for each in found] == [
+        (1, {"refused": NOT_BEGUN}),
+        (2, {"text": NOT_BEGUN}),
+    ]
+    assert [request.tool for request in guest.requests] == ["goto", "cancel"]
 
 
 def test_a_goal_that_is_withdrawn_while_it_is_planned_is_the_one_that_is_waited_for(
