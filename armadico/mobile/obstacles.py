@@ -9,13 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import hypot, inf
-from typing import Annotated
+from typing import Annotated, Final
 
 from msgspec import Meta
 from msgspec.structs import replace
 
 from armadico.core.messages import Cycle, Description, Message, Name, Point
 from armadico.core.services import state
+
+SONAR: Final = "sonar"
+"""The sensor whose echoes may be where nothing is: they do not tell a person from a wall."""
 
 
 class Obstacles(Message, frozen=True):
@@ -33,7 +36,7 @@ class Obstacles(Message, frozen=True):
     left: Point | None
     right: Point | None
     points: Annotated[tuple[Point, ...], Meta(max_length=2048)] = ()
-    sensor: Name = "sonar"  # one of `Description.sensors`
+    sensor: Name = SONAR  # one of `Description.sensors`
 
 
 class Surroundings:

@@ -38,7 +38,7 @@ from armadico.mobile.messages import (
     Trajectory,
     Waypoint,
 )
-from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.obstacles import SONAR, Obstacles
 from armadico.watch.assistant.goals import BY, LONGEST_BY, Goals, by_name, client_in, orderer
 from armadico.watch.assistant.messages import (
     AssistantRecord,
@@ -56,7 +56,7 @@ from armadico.watch.assistant.policy.messages import (
     Choice,
     Ledger,
 )
-from armadico.watch.assistant.policy.policy import NO_POLICY, Rules, load
+from armadico.watch.assistant.policy.policy import BY_SONARS, NO_POLICY, Rules, load
 from armadico.watch.assistant.policy.scene import Scene
 from armadico.watch.assistant.tools import (
     REFUSED,
@@ -234,6 +234,7 @@ class Assistant(Agent):
         self._driven_at = inf  # s; since when something is driven for a client, as far as is seen
         self._other_at = -inf  # s; when another assistant last published its policy
         self._ended = 0  # the last mission whose end was noted
+        self._warned = False  # that the robot's sonars do not suit the policy
 
     def _load(self) -> None:
         """Read the policy. What is wrong with it is kept: nothing is allowed then."""
@@ -853,6 +854,13 @@ class Assistant(Agent):
         allowed = self._goals.allowed(trajectory, self._going or ())
         more = [room for room in self._scene.rooms_to_ask(rules, path) if room not in allowed]
         return f"the way leads through {', '.join(more)}, which nobody has approved" if more else ""
+
+    def on_description(self, description: Description) -> None:
+        """Warn once of a limit that the robot's sensors cannot keep without false alarms."""
+        limited = any(rules.keeps_off for rules in self._policy.all)
+        if limited and SONAR in description.sensors and not self._warned:
+            self._warned = True
+            self.log(line(f"this robot has sonars, and {BY_SONARS}"), WARNING)
 
     def on_pose(self, pose: Pose) -> None:  # noqa: ARG002 - the scene has it
         """End a mission before the robot leaves the area; begin a goal that waited for a pose."""

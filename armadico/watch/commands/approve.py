@@ -213,9 +213,11 @@ def _ledger(client: Client) -> tuple[int, str] | None:
 
 def _check(args: Options, which: str) -> int:
     from armadico.config.shipped import find
-    from armadico.watch.assistant.policy.policy import load
+    from armadico.watch.assistant.policy.policy import BY_SONARS, load
 
     policy = load(find("policies", which), options.world_of(args.world))
+    if any(rules.keeps_off for rules in policy.all):  # which robot it is for is not known here
+        options.report(f"{which}: {BY_SONARS}")
     for rules in policy.all:
         section = rules.section
         said = {f: getattr(section, f) for f in section.__struct_fields__}

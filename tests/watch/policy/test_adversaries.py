@@ -7,18 +7,19 @@ from itertools import cycle
 from math import hypot, inf, nan
 from pathlib import Path
 from random import Random
+from typing import Any
 
 import pytest
 
 from armadico.config.moving import Moving
 from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
-from armadico.core.messages import LABEL
+from armadico.core.messages import LABEL, Log
 from armadico.mobile.messages import MissionState
 from armadico.watch.assistant.messages import AssistantReply, AssistantRequest
 from armadico.watch.assistant.policy.ledger import check, lines_of
 from armadico.watch.assistant.policy.messages import Approvals, Choice
-from armadico.watch.assistant.policy.policy import load, read
+from armadico.watch.assistant.policy.policy import BY_SONARS, load, read
 from armadico.watch.assistant.tools import REHEARSE, TOOLS
 from tests.watch.policy.house import HOUSE, House
 
@@ -189,6 +190,27 @@ def test_a_goal_behind_something_that_may_be_a_person_is_refused(tmp_path: Path)
     assert house.asks("goto", x=0.9, y=1.2).mission, "away from it"
     house.ended()
     never_left(house, policy)
+
+
+LASER = {
+    "robot": "turtlebot3-burger",
+    "agents": tuple("laser" if name == "sonar" else name for name in HOUSE.agents),
+}
+
+
+@pytest.mark.parametrize(
+    ("limit", "scenario", "warned"),
+    [
+        ("people_m = 0.5", {}, 1),
+        ("v_max = 0.3", {}, 0),
+        ("people_m = 0.5", LASER, 0),
+    ],
+)
+def test_a_distance_from_people_that_sonars_cannot_tell_is_warned_of(
+    limit: str, scenario: dict[str, Any], warned: int, tmp_path: Path
+) -> None:
+    house = House(f"[default]\n[clients.mine]\n{limit}\n", tmp_path, **scenario).let_pass(5.0)
+    assert sum(BY_SONARS in log.text for log in house.of(Log)) == warned
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ from armadico.core.config_errors import ConfigError
 from armadico.watch.assistant.messages import AssistantRequest
 from armadico.watch.assistant.policy.ledger import BEGIN, Entry, sealed
 from armadico.watch.assistant.policy.messages import Approval, Approvals
+from armadico.watch.assistant.policy.policy import BY_SONARS
 from armadico.watch.commands import approve
 
 GOAL = Approval(
@@ -107,3 +108,15 @@ def test_a_log_is_checked_without_a_society_and_its_end_is_unknown(tmp_path: Pat
     log.write_bytes(log.read_bytes().replace(b"started", b"stopped"))
     with pytest.raises(FailedError, match="line 1"):
         approve.run(options)
+
+
+@pytest.mark.parametrize(("limit", "warned"), [("people_m = 0.5", True), ("v_max = 0.3", False)])
+def test_the_check_of_a_policy_says_what_sonars_cannot_tell(
+    limit: str, warned: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (path := tmp_path / "limits.toml").write_text(f"[default]\n{limit}\n")
+    options: Any = SimpleNamespace(what="check", which=str(path), world="house", json=True)
+    assert approve.run(options) == 0
+    said = capsys.readouterr()
+    assert (BY_SONARS in said.err) == warned
+    assert json.loads(said.out)["client"] == "default", "what reads it is not disturbed"

@@ -36,6 +36,12 @@ ON_MAP_M: Final = 0.3
 """What is sensed this near to a wall of the map is the wall; what is farther away may be a person.
 Sensors do not tell a person from a chair. A choice: the error of sonars and of a sure pose."""
 
+BY_SONARS: Final = (
+    "people_m is meant for robots with lasers only: echoes of sonars are counted as people, so"
+    " drives are refused and cancelled although nobody is near"
+)
+"""An echo off the map's walls may be a person: it is not left out, so that the limit holds."""
+
 SPARE_M: Final = 0.15
 """A path keeps so much more distance from the border than the robot needs, because behaviours do
 not follow it exactly."""
@@ -111,9 +117,14 @@ class Rules:
         return within or any(limit is not None for limit in limits)
 
     @property
+    def keeps_off(self) -> bool:
+        """Whether the robot has to keep a distance from what may be a person."""
+        return self.section.people_m is not None
+
+    @property
     def needs_path(self) -> bool:
         """Whether a path has to be known before the robot moves."""
-        return not self.area.everywhere or self.section.people_m is not None or bool(self.asks)
+        return not self.area.everywhere or self.keeps_off or bool(self.asks)
 
     def forbids(self, tool: str) -> str:
         """Why a tool is refused; "" if it is not."""
