@@ -9,8 +9,6 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Final
 
-from msgspec.structs import replace
-
 from armadico.cli import options
 from armadico.cli.options import FailedError, UnknownError, UsageError
 from armadico.cli.parsing import Command, argument, flag, group, option
@@ -87,6 +85,8 @@ def _list(args: Options, _which: str) -> int:
 
 def _show(args: Options, code: str) -> int:
     """Print all of a request, and what would happen, if rehearsals are installed."""
+    from msgspec.structs import replace
+
     with args.mesh.client() as client:
         known, since = _known(client), monotonic()
         each = next((each for each in known.waiting if each.code == code), None)
