@@ -137,16 +137,17 @@ class _Drive:
     mission: Mission | None = None  # None: a goal
     approved: approvals.Waiting | None = None  # by a person
     rooms: tuple[str, ...] = ()  # on its way, that need approval and have it
+    rehearsed: AssistantRequest | None = None  # what it would be as an order; None: it is one
 
     @property
-    def tool(self) -> str:
-        """Whose rules count, also if it is only rehearsed."""
-        return "mission" if self.goal is None else "goto"
+    def wanted(self) -> AssistantRequest:
+        """The order that is judged, also if it is only rehearsed."""
+        return self.rehearsed or self.request
 
     @property
     def only_asked(self) -> bool:
         """Whether it is rehearsed: it is judged, and nothing is begun."""
-        return self.request.tool == REHEARSE.name
+        return self.rehearsed is not None
 
 
 @dataclass(frozen=True)
@@ -196,6 +197,8 @@ class Assistant(Agent):
         self._goals = Goals(self.memory)
         self._cancels: set[int] = set()  # the missions that clients are cancelling
         self._waits: _Drive | None = None  # for the reply to a query; one at a time
+        self._rehearsed: _Drive | None = None
+        """Its path is planned. It is apart, so that a rehearsal keeps no order waiting."""
         self._passed_on = False  # whether a mission agent has it, and it cannot be taken back
         self._after: Callable[[int | None], None] | None = None
         """It is taken back: called with the number of the mission that it has led to, or 0; None:
@@ -314,7 +317,7 @@ class Assistant(Agent):
         driven = self._goals.driven_for(request)
         if driven not in (0, *self._cancels) and number in (0, driven):
             return True
-        wants = [each.request.by for each in self._ready]
+        wants = [each.request.by for each in self._ready if not each.only_asked]
         wants += [each.request.by for each in self._approvals.waiting]
         wants += [self._waits.request.by] if self._waits and self._after is None else []
         return not number and request.by in wants
@@ -341,7 +344,8 @@ class Assistant(Agent):
         self.publish(AssistantRecord(self._number, request, reply, self._left_out))
         left_out = f"; {self._left_out} more before it were too many" if self._left_out else ""
         self._left_out = 0
-        what = "refused" if reply.refusal else "waits" if reply.approval else "allowed"
+        done = "rehearsed" if request.tool == REHEARSE.name else "allowed"
+        what = "refused" if reply.refusal else "waits" if reply.approval else done
         self._book.write_of(request, what, (reply.refusal or reply.text) + left_out, reply.mission)
 
     def on_ledger(self, ledger: Ledger) -> None:
@@ -405,7 +409,7 @@ class Assistant(Agent):
     def _ask_a_person(self, drive: _Drive, why: str) -> bool:
         """Let a request wait for a person; return whether it does, or is refused."""
         self._book.end_hearing()
-        goal, request = drive.goal, drive.request
+        goal, request = drive.goal, drive.wanted
         waiting = approvals.Waiting(
             number=self.rng.getrandbits(63) or 1,
             request=request,
@@ -421,7 +425,6 @@ class Assistant(Agent):
         if self._approvals.always(waiting):
             return False
         if drive.only_asked:
-            self._waits = None
             self._finish(drive, AssistantReply(line(f"a person would be asked first: {why}")))
             return True
         waiting.why = line(why + self._approvals.why_not(waiting))
@@ -447,7 +450,9 @@ class Assistant(Agent):
 
     def _begin_next(self) -> None:
         """Begin the next request that waits, once none is being answered and it can be judged."""
-        if self._ready and not self._waits and not self._learns_for(self._ready[0]):
+        if not self._ready or (self._waits and not self._ready[0].only_asked):
+            return
+        if not self._learns_for(self._ready[0]):
             self._begin(self._ready.popleft())
 
     # Tools ---------------------------------------------------------------------------------------
@@ -508,9 +513,12 @@ class Assistant(Agent):
         arrives where it may not go.
         """
         goal = mission = None
+        wanted = replace(request, tool="goto")  # of a goal an approval counts by the place
         if args.x is not None and args.y is not None:
             goal = Waypoint(args.x, args.y, wrap(radians(args.heading or 0.0)))
         elif args.mission in names("missions"):
+            order = msgspec.json.encode(Named(args.mission)).decode()  # as the server writes it
+            wanted = replace(request, tool="mission", text=order)
             try:
                 mission = load_mission(args.mission)
             except ConfigError as error:
@@ -518,16 +526,17 @@ class Assistant(Agent):
         if goal is None and mission is None:  # the present mission, or nothing that there is
             return AssistantReply()
         drive = self._drive(request, question, goal, mission)
-        if why := drive.rules.forbids(drive.tool):
+        drive = dataclasses.replace(drive, rehearsed=wanted)
+        if why := drive.rules.forbids(drive.wanted.tool):
             return self._foretold(drive, AssistantReply(refusal=why))
         self._begin(drive)
         return None
 
     def _foretold(self, drive: _Drive, outcome: AssistantReply) -> AssistantReply:
         """What would become of a request, of which the refusal is not that of the rehearsal."""
-        if outcome.refusal in ("", BUSY, TAKEN_BACK):
+        if outcome.refusal in ("", BUSY):
             return outcome
-        return AssistantReply(line(f"{drive.tool} {REFUSED}{outcome.refusal}"))
+        return AssistantReply(line(f"{drive.wanted.tool} {REFUSED}{outcome.refusal}"))
 
     def _drive(
         self,
@@ -603,8 +612,8 @@ class Assistant(Agent):
 
     def _take_back(self, by: str) -> bool:
         """End what a client wants and no mission agent has yet; return whether there was any."""
-        taken = [drive for drive in self._ready if drive.request.by == by]
-        self._ready = deque(drive for drive in self._ready if drive.request.by != by)
+        taken = [each for each in self._ready if each.request.by == by and not each.only_asked]
+        self._ready = deque(each for each in self._ready if each not in taken)
         waits = self._waits
         if waits is not None and not self._passed_on and waits.request.by == by:
             self._waits = None  # its plan is not waited for any more
@@ -621,14 +630,15 @@ class Assistant(Agent):
 
     def _begin(self, drive: _Drive) -> None:
         """Judge a request by the rules, have its path planned, let it wait, and pass it on."""
-        if self._learns_for(drive) and not self._ready:
+        learns = self._learns_for(drive)
+        if learns and all(each.only_asked != drive.only_asked for each in self._ready):
             self._ready.append(drive)
             return
-        refusal = BUSY if self._learns_for(drive) else self._refusal(drive)
-        if refusal:
+        if refusal := BUSY if learns else self._refusal(drive):
             self._finish(drive, AssistantReply(refusal=line(refusal)))
             return
-        self._waits, self._passed_on = drive, False
+        if not drive.only_asked:
+            self._waits, self._passed_on = drive, False
         goal, pose, needed = drive.goal, self.fresh(Pose), drive.rules.needs_path
         # Nobody is asked for a goal that cannot be reached.
         asks = drive.approved is None and self._asks(drive)
@@ -637,7 +647,9 @@ class Assistant(Agent):
             return
 
         def planned(plan: Plan | None) -> None:
-            if self._waits is not drive:
+            if drive.only_asked:
+                self._rehearsed = None
+            elif self._waits is not drive:
                 return  # it was taken back
             if plan is None and not needed:  # the mission agent may do without a planner
                 self._planned(drive, None)
@@ -647,6 +659,8 @@ class Assistant(Agent):
             else:
                 self._planned(drive, plan)
 
+        if drive.only_asked:
+            self._rehearsed = drive
         self.query(
             PlanRequest(Waypoint(pose.x, pose.y, pose.theta), goal), planned, self.p.planning_s
         )
@@ -656,7 +670,7 @@ class Assistant(Agent):
         rules = drive.rules
         if why := self._barred(rules):
             return why
-        if self._waits:
+        if self._rehearsed if drive.only_asked else self._waits:
             return BUSY
         most, taken = rules.section.goals_an_hour, self._taken.setdefault(rules.name, deque())
         while taken and self.now - taken[0] >= HOUR_S:
@@ -691,7 +705,6 @@ class Assistant(Agent):
         if self._lacks_approval(drive):
             return
         if drive.only_asked:
-            self._waits = None
             self._finish(drive, AssistantReply())
             return
         by, section = by_name(drive.request), rules.section
@@ -712,7 +725,7 @@ class Assistant(Agent):
     def _lacks_approval(self, drive: _Drive) -> bool:
         """Let a request wait if it needs a person's yes, and has none; return whether it ended."""
         why = f"the way leads through {', '.join(drive.rooms)}" if drive.rooms else ""
-        why = f"the policy asks for each {drive.tool}" if self._asks(drive) else why
+        why = f"the policy asks for each {drive.wanted.tool}" if self._asks(drive) else why
         if not why:
             return False
         if drive.approved is None:
@@ -724,11 +737,12 @@ class Assistant(Agent):
         return bool(more)
 
     def _asks(self, drive: _Drive) -> bool:
-        return drive.rules.asks_for(drive.tool)
+        return drive.rules.asks_for(drive.wanted.tool)
 
     def _give_up(self, drive: _Drive, why: str) -> None:
         """Refuse the request that is being answered."""
-        self._waits = None
+        if not drive.only_asked:
+            self._waits = None
         self._finish(drive, AssistantReply(refusal=line(why)))
 
     def _finish(self, drive: _Drive, outcome: AssistantReply) -> None:

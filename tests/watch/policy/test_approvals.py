@@ -30,6 +30,7 @@ from armadico.watch.assistant.policy.messages import (
     Choice,
     Ledger,
 )
+from armadico.watch.assistant.tools import REHEARSE, TOOLS
 from armadico.watch.mcp.guest import MCP
 from tests.watch.test_assistant import STOPPED, Counter
 
@@ -225,6 +226,35 @@ def test_always_is_for_this_place_and_client(tmp_path: Path) -> None:
     desk.agent.kernel.on_reply(desk.queries[-1].id, MissionReply(78), desk.now)
     assert desk.ask(x=3.0).approval, "another place"
     assert desk.ask(by="other").approval, "another client"
+
+
+@pytest.mark.parametrize(
+    ("tool", "order", "trial"),
+    [
+        ("goto", '{"x":2.0,"y":1.0}', {"x": 2.2, "y": 1.1}),
+        ("mission", '{"name":"rounds"}', {"mission": "rounds"}),
+    ],
+)
+def test_a_rehearsal_of_what_is_approved_for_always_says_that_no_person_is_asked(
+    tool: str,
+    order: str,
+    trial: dict[str, object],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    if tool == "mission":
+        pytest.importorskip("armadico.agents.missions")
+    monkeypatch.setitem(TOOLS, "rehearse", REHEARSE)
+    desk = Desk(tmp_path, f'[default]\napproval = ["{tool}"]\n', log=str(tmp_path / "log"))
+    desk.pass_s(LEARN_S)
+    first = desk.request("rehearse", **trial)
+    assert first is not None
+    assert "a person would be asked" in first.text
+    assert (desk.request(tool, order) or AssistantReply()).approval
+    desk.answer(desk.code(), Choice.ALWAYS)
+    assert desk.request("rehearse", **trial) == AssistantReply()
+    noted = [msgspec.json.decode(each, type=Entry) for each in lines_of(tmp_path / "log")]
+    assert [each.what for each in noted if each.tool == "rehearse"] == ["rehearsed"] * 2
 
 
 def back(tmp_path: Path, policy: str = POLICY, **more: object) -> Desk:

@@ -21,9 +21,10 @@ from armadico.mobile.messages import (
     Waypoint,
 )
 from armadico.mobile.obstacles import Obstacles
-from armadico.watch.assistant.assistant import BESIDE_S, LEARN_S, TAKEN_BACK
+from armadico.watch.assistant.assistant import BESIDE_S, BUSY, LEARN_S, TAKEN_BACK
 from armadico.watch.assistant.messages import AssistantReply, AssistantRequest
 from armadico.watch.assistant.policy.messages import Approvals, Choice
+from armadico.watch.assistant.tools import REHEARSE, TOOLS
 from tests.watch.policy.house import NOON
 from tests.watch.policy.test_approvals import Desk
 from tests.watch.test_assistant import STOPPED, Counter
@@ -337,6 +338,47 @@ def test_a_goal_whose_path_is_planned_for_the_policy_is_taken_back_by_its_client
     assert watched.queries[-1] is query, "nothing is passed on"
     watched.request("goto", x=3.0, y=1.5)
     assert watched.queries[-1] is not query, "the next one is planned"
+
+
+def test_a_rehearsal_keeps_no_order_waiting_and_is_none_that_can_be_cancelled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(TOOLS, "rehearse", REHEARSE)
+    watched = Watched(tmp_path)
+    path = Plan((Waypoint(1.0, 1.5, 0.0), Waypoint(4.0, 1.5, 0.0)))
+
+    def rehearse() -> tuple[int, int]:
+        assert watched.request("rehearse", x=4.0, y=1.5) is None
+        assert isinstance(watched.queries[-1].request, PlanRequest)
+        return watched.number, watched.queries[-1].id
+
+    number, query = rehearse()
+    assert watched.refusal("rehearse", x=3.0, y=1.5) == BUSY, "one plan at a time"
+    assert "no goal of yours" in (cancel(watched) or AssistantReply()).refusal
+    watched.request("goto", x=4.0, y=1.5)
+    watched.plan((4.0, 1.5))
+    assert isinstance(watched.queries[-1].request, MissionRequest), "it goes on meanwhile"
+    watched.agent.kernel.on_reply(query, path, watched.now)
+    watched.collect()
+    assert watched.replies[number] == AssistantReply()
+    number, query = rehearse()  # while a mission agent has the order
+    watched.agent.kernel.on_reply(query, path, watched.now)
+    watched.collect()
+    assert watched.replies[number] == AssistantReply()
+
+
+def test_a_rehearsal_at_the_start_keeps_no_order_waiting(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(TOOLS, "rehearse", REHEARSE)
+    desk = Desk(tmp_path, POLICY)
+    assert desk.request("rehearse", x=4, y=1.5) is None
+    assert desk.request("goto", x=4, y=1.5) is None, "no refusal"
+    cycle = Cycle(1, 1)
+    desk.receive(BODY, RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False))
+    for _ in range(2):
+        desk.receive(Pose(cycle, 1.0, 1.5, 0.0, SURE))
+    assert [type(each.request) for each in desk.queries] == [PlanRequest, PlanRequest]
 
 
 def test_a_request_that_waits_for_a_person_is_taken_back(tmp_path: Path) -> None:
