@@ -188,6 +188,20 @@ def test_a_broken_promise_of_the_newest_commit_fails_the_series_and_an_older_one
     assert "1 of 2 seeds broke a promise" in capsys.readouterr().err
 
 
+def test_a_figure_of_a_trial_without_a_number_is_unknown_and_the_others_count(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trials = Rows(tmp_path / "trials.csv", Ran)
+    trial, figure = next((t, f) for t in TRIALS.values() for f in t.figures if f.worst is not None)
+    trials.add(ran("a", kinds=trial.name, figures=json.dumps({figure.name: None})))
+    assert main(["status", str(tmp_path)]) == 3
+    assert f"no number in 1 trials: {trial.name} {figure.name}" in capsys.readouterr().err
+    late = (figure.worst or 0.0) + 1.0
+    trials.add(ran("a", kinds=trial.name, figures=json.dumps({figure.name: late})))
+    assert main(["status", str(tmp_path)]) == 1
+    assert f"aims missed: {trial.name} {figure.name}" in capsys.readouterr().err
+
+
 def test_a_missed_aim_and_a_contact_that_sensors_could_prevent_fail_their_series(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

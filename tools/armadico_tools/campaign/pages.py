@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from base64 import b64encode
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from html import escape
@@ -106,7 +107,11 @@ def _series(folder: Path) -> Iterator[Series]:
     for name, (what, kind, failures) in OTHERS.items():
         if (folder / name).is_file():
             count = _rows(folder / name, kind)
-            yield Series(f"{folder.name}, {what}", folder, count, failed=failures(folder / name))
+            yield Series(
+                *(f"{folder.name}, {what}", folder, count),
+                lacking=_unmeasured(folder) if name == TRIALS else (),
+                failed=failures(folder / name),
+            )
 
 
 def _experiment(folder: Path, about: About) -> Series:
@@ -152,11 +157,28 @@ def _seeds_failed(path: Path) -> str:
 def _trials_failed(path: Path) -> str:
     rows, summary = _newest(path, Ran), Summary()
     for row in rows:
-        summary.figures.setdefault(row.kinds, []).append(msgspec.json.decode(row.figures or "{}"))
+        numbers = {name: x for name, x in _figures(row).items() if isinstance(x, int | float)}
+        summary.figures.setdefault(row.kinds, []).append(numbers)
     missed = [f"{x.kind} {x.figure}" for x in lines(summary, KINDS.values()) if not x.kept]
     broken = _broken(rows, "trials")
     aims = f"aims missed: {', '.join(missed)}" if missed else ""
     return "; ".join(filter(None, [broken, aims]))
+
+
+def _unmeasured(folder: Path) -> tuple[str, ...]:
+    """The figures of trials that have no number: what is infinite or none is kept as null."""
+    found = Counter(
+        f"{row.kinds} {figure.name}"
+        for row in _newest(folder / TRIALS, Ran)
+        if (kind := KINDS.get(row.kinds)) is not None
+        for figure in kind.figures
+        if not isinstance(_figures(row).get(figure.name, 0.0), int | float)
+    )
+    return tuple(f"no number in {count} trials: {name}" for name, count in found.items())
+
+
+def _figures(row: Ran) -> dict[str, object]:
+    return msgspec.json.decode(row.figures or "{}", type=dict[str, object])
 
 
 def _broken(rows: Sequence[Ran], what: str) -> str:

@@ -183,7 +183,7 @@ def check_recording(path: Path, namespace: str | None, *, as_json: bool) -> int:
 
 def _unseen(checker: Checker, damage: Sequence[str]) -> Iterator[str]:
     """What is not known of a recording that the checker has read, and why."""
-    yield from (f"{what}, unknown" for what in damage)
+    yield from damage
     for kind, (what, name) in UNSEEN.items():
         if kind not in checker.received:
             yield f"{what} unknown: the recording has no {name}"

@@ -64,7 +64,8 @@ def check(path: Path, namespace: str | None, warn: Callable[[str], None]) -> Che
     A recording has neither the line to the controller nor the faults. So `UNRECORDED` is not
     checked, and a promise that a fault voids (`fault_types.voided`) counts as broken here.
 
-    Raises RecordingError, also if there are several robots and none is named, and OSError.
+    Raises RecordingError, also if there are several robots and none is named, or the named one is
+    not there, and OSError.
     """
     about = _read(Past(path, lambda _: None), namespace)
     if about.refused:
@@ -90,7 +91,7 @@ def _read(past: Past, namespace: str | None) -> _About:
     """What a recording tells of the robot. Raises RecordingError and OSError."""
     past.check()
     robots, described, cards = set[str](), dict[str, Description](), list[tuple[str, Card]]()
-    refused = Counter[str]()
+    refused = Counter[str]()  # has each namespace, also with 0
     for row in past.rows():
         refused[row.namespace] += row.key.endswith(REFUSED)
         if row.schema == STATE:
@@ -103,6 +104,11 @@ def _read(past: Past, namespace: str | None) -> _About:
     if namespace is None and len(robots) > 1:
         names = ", ".join(sorted(robots))
         raise RecordingError(f"{past.path} holds {names}; name one robot: --namespace NS")
+    if namespace and refused and namespace not in refused:
+        names = ", ".join(sorted(refused))
+        raise RecordingError(
+            f"{past.path} holds no messages of {namespace!r}; --namespace: {names}"
+        )
     robot = namespace or next(iter(robots), None)
     own = tuple(card for where, card in cards if where == robot)
     others = ", ".join(each for each in deciding(own) if each != BALLOTS)
