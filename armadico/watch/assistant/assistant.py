@@ -251,7 +251,8 @@ class Assistant(Agent):
     @property
     def _fault(self) -> str:
         """Why nothing is allowed; "" if that is not so."""
-        return self._misread or self._book.fault
+        log = self._book.fault
+        return self._misread or (f"nothing is allowed: {log}" if log else "")
 
     def on_start(self) -> None:
         self._started = self.now
@@ -277,7 +278,8 @@ class Assistant(Agent):
             if why := self._lapsed or rules.closed(self.clock()):
                 self._end(trajectory, why)
         waiting = tuple(each.shown(self.now) for each in self._approvals.waiting)
-        self.publish(Approvals(waiting, line(self._fault or self.p.policy)))
+        policy = f"the policy is {self.p.policy}" if self.p.policy else ""
+        self.publish(Approvals(waiting, line(self._fault or policy)))
         self._book.publish()
 
     # Requests ------------------------------------------------------------------------------------

@@ -112,6 +112,8 @@ def _rehearsed(client: Client, each: Approval) -> str:
     """What a rehearsal says would happen, or why that is not known; "" if none is installed."""
     from armadico.core.config_errors import ConfigError
     from armadico.core.discovery import REHEARSALS, installed
+    from armadico.mesh.topology import MeshError
+    from armadico.runtime.errors import SocietyError
 
     found = installed(REHEARSALS).get("virtual")
     if found is None:
@@ -120,7 +122,11 @@ def _rehearsed(client: Client, each: Approval) -> str:
     errand = {"goal": [*x_y, None]} if x_y else {"mission": _named(each)}
     try:
         answer = found.load()(client.mesh, errand, samples=SAMPLES, within_s=WITHIN_S)
-    except ConfigError as error:  # a person decides nevertheless, and sees all else
+    except (
+        ConfigError,
+        SocietyError,
+        MeshError,
+    ) as error:  # a person decides nevertheless, and sees all else
         return f"unknown: {error}"
     return f"{answer['answer']}: {answer['says']}"
 
@@ -217,7 +223,7 @@ def _check(args: Options, which: str) -> int:
 
     policy = load(find("policies", which), options.world_of(args.world))
     if any(rules.keeps_off for rules in policy.all):  # which robot it is for is not known here
-        options.report(f"{which}: {BY_SONARS}")
+        options.report(f"note: if the robot has sonars: {BY_SONARS}")
     for rules in policy.all:
         section = rules.section
         said = {f: getattr(section, f) for f in section.__struct_fields__}

@@ -16,6 +16,8 @@ import pytest
 from armadico.cli.options import FailedError, UnknownError
 from armadico.core import discovery
 from armadico.core.config_errors import ConfigError
+from armadico.mesh.topology import MeshError
+from armadico.runtime.errors import SocietyError
 from armadico.watch.assistant.messages import AssistantRequest
 from armadico.watch.assistant.policy.ledger import BEGIN, Entry, sealed
 from armadico.watch.assistant.policy.messages import Approval, Approvals
@@ -62,11 +64,12 @@ def test_the_forecast_is_of_what_is_asked_for_and_has_its_answer(
     assert found["left_s"] == 96.0, "the rehearsal took 20 s of them"
 
 
+@pytest.mark.parametrize("kind", [ConfigError, SocietyError, MeshError])
 def test_a_request_that_cannot_be_rehearsed_is_shown(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    kind: type[Exception], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def rehearse(*_: object, **__: object) -> None:
-        raise ConfigError("no map 'house' here")
+        raise kind("no map 'house' here")
 
     shown(GOAL, rehearse, monkeypatch, as_json=False)
     said = capsys.readouterr().out
@@ -77,7 +80,7 @@ def test_a_request_that_cannot_be_rehearsed_is_shown(
 @pytest.mark.parametrize(
     ("policy", "said"),
     [
-        ("limits.toml", "nothing waits; limits.toml"),
+        ("the policy is limits.toml", "nothing waits; the policy is limits.toml"),
         ("the policy cannot be used, so nothing is allowed", "so nothing is allowed"),
         ("", "there is no policy"),
     ],
@@ -118,5 +121,5 @@ def test_the_check_of_a_policy_says_what_sonars_cannot_tell(
     options: Any = SimpleNamespace(what="check", which=str(path), world="house", json=True)
     assert approve.run(options) == 0
     said = capsys.readouterr()
-    assert (BY_SONARS in said.err) == warned
+    assert (f"if the robot has sonars: {BY_SONARS}" in said.err) == warned
     assert json.loads(said.out)["client"] == "default", "what reads it is not disturbed"

@@ -22,7 +22,7 @@ from armadico.watch.assistant.policy.ledger import (
     lines_of,
     sealed,
 )
-from armadico.watch.assistant.policy.messages import Ledger
+from armadico.watch.assistant.policy.messages import Approvals, Ledger
 from tests.watch.test_assistant import Counter
 
 
@@ -174,11 +174,21 @@ def test_a_gap_before_any_other_entry_is_a_fault() -> None:
 
 def test_a_log_that_cannot_be_written_stops_everything_but_a_stop(tmp_path: Path) -> None:
     log = tmp_path / "requests.jsonl"
-    counter = Counter(log=str(log))
+    (policy := tmp_path / "policy.toml").write_text("[default]\n")
+    counter = Counter(log=str(log), policy=str(policy))
+
+    def told() -> str:
+        counter.now += 1.0
+        counter.agent.kernel.wake(counter.now)
+        counter.collect()
+        return [each for each in counter.published if isinstance(each, Approvals)][-1].policy
+
+    assert told() == f"the policy is {policy}"
     log.unlink()
     log.mkdir()
     counter.request("where")
     assert "cannot be written" in counter.refusal("goto", x=1, y=1)
+    assert told().startswith("nothing is allowed: the log ")
     counter.request("stop")
     assert counter.stops
 

@@ -36,7 +36,7 @@ class Approvals(Message, frozen=True):
     """All requests that wait for a person."""
 
     waiting: Annotated[tuple[Approval, ...], Meta(max_length=16)] = ()
-    policy: Text = ""  # the policy file, or what is wrong with it; empty: there is none
+    policy: Text = ""  # which policy it is, or why nothing is allowed; empty: there is none
 
 
 class ApprovalAnswer(Message, frozen=True):
