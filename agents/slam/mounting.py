@@ -46,7 +46,6 @@ TURNING_RAD: Final = 0.15
 GOOD: Final = 0.55
 """Share of points that fit, from which a match is used."""
 
-LEAST_PAIRS: Final = 20
 NO_PRIOR: Final = Prior(1e3, 1e3)
 SLOW_S: Final = 0.5
 """With odometry rarer than this the time between the stamps is not looked for."""
@@ -54,6 +53,8 @@ SLOW_S: Final = 0.5
 BLOCKS: Final = 8
 STUDENT: Final = 2.36
 """Half of a 95 % interval, in deviations that were measured by so many blocks."""
+
+LEAST_PAIRS: Final = 5 * BLOCKS
 
 BEFORE: Final = np.array([1.0, 1.0, 10.0, 0.15, 0.2, 0.15, 0.5])
 """Standard deviations before the first match: x, y, yaw, turns, drift, ways, time."""
@@ -238,17 +239,16 @@ def solve(drive: Drive, pairs: Sequence[Pair]) -> Solution | None:
     values = found[turns][1]
     hessian, _, spread = system.normal(values, turns, len(values))
     variance = np.linalg.inv(hessian).diagonal()
-    blocks = min(BLOCKS, len(pairs) // 5)
     without = []
-    for block in range(blocks):
-        kept = np.arange(len(pairs)) * blocks // len(pairs) != block
+    for block in range(BLOCKS):
+        kept = np.arange(len(pairs)) * BLOCKS // len(pairs) != block
         part = _System(
             drive, [pair for pair, keep in zip(pairs, kept, strict=True) if keep], timed=timed
         )
         without.append(part.descend(values, turns, rounds=6)[1] - values)
     off = np.array(without)
     off[:, 2] = wrapped(off[:, 2])
-    variance = np.maximum(variance, (blocks - 1) / blocks * (off**2).sum(axis=0))
+    variance = np.maximum(variance, (BLOCKS - 1) / BLOCKS * (off**2).sum(axis=0))
     steps = system.steps(np.zeros(7))
     return Solution(
         values,

@@ -141,7 +141,8 @@ def test_wheels_that_err_and_scans_that_are_late_are_measured_beside_a_wrong_mou
 def test_a_robot_that_never_turned_tells_nothing_of_the_scanners_place(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = log_of(tmp_path / "log.npz", true=driven(20.0, STRAIGHT) - (1.5, 0.0, 0.0))
+    there = driven(20.0, STRAIGHT) - (1.5, 0.0, 0.0)
+    path = log_of(tmp_path / "log.npz", true=np.vstack([there, there[::-1]]))
     code, _, quantities = told(capsys, path)
     assert code == 3
     for name in ("x_m", "y_m", "upside_down", "turns"):
@@ -257,6 +258,30 @@ def test_the_motion_since_a_scan_that_a_recording_has_in_it_is_taken_out_again(
     off = solution.values - (0.2, 0.1, ANGLES[0], 0.0, 0.0, 0.0, 0.0)
     assert hypot(off[0], off[1]) < 0.02
     assert np.abs(off[2:]).max() < 0.02
+
+
+def test_a_recording_by_another_bearing_is_noted_and_its_measured_one_is_not_called_wrong(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """So it is after each use of the proposed lines: the bearing follows from angle_min_deg."""
+    log = recorded(driven(1.0), STOOD, (0.0, 0.0, pi / 2))
+    monkeypatch.setattr("armadico.agents.slam.commands.log_file.opened", lambda *_: (log, 1.0))
+    (path := tmp_path / "made.mcap").touch()
+    cli.main(["mounting", str(path), "--json", "--profile", with_laser()])
+    said = capsys.readouterr().err
+    assert "the recorded scans begin at another angle" in said
+    assert "if angle_min_deg is not the driver's, the measured bearing is wrong" in said
+
+
+def test_fewer_pairs_than_its_intervals_need_give_no_mounting() -> None:
+    """The factor of the intervals is for eight blocks."""
+    log = recorded(driven(), STOOD, STOOD)
+    drive = mounting.drive_of(log, range(len(log)))
+    assert drive is not None
+    pairs = [mounting.matched(drive, scans) for scans in mounting.chosen(drive)[:40]]
+    fit = [pair for pair in pairs if pair is not None]
+    assert len(fit) >= 20
+    assert mounting.solve(drive, fit[:39]) is None
 
 
 def test_a_log_of_sonars_alone_has_no_scans() -> None:

@@ -93,8 +93,9 @@ def run(args: Options) -> int:
         if abs(_wrap(turn)) > radians(1.0):
             say(
                 "note: the recorded scans begin at another angle than those of the profile, by"
-                f" {degrees(_wrap(turn)):.0f} degrees: it was changed since, or angle_min_deg is"
-                " not the driver's, and the bearing is wrong by as much"
+                f" {degrees(_wrap(turn)):.0f} degrees: bearing_deg or angle_min_deg was changed"
+                " since; if angle_min_deg is not the driver's, the measured bearing is wrong by as"
+                " much"
             )
     tried = [] if drive is None else mounting.chosen(drive)
     pairs, solution, why = [], None, yes()
