@@ -6,69 +6,101 @@ Silence would count as success, so the count is 0 only where all bids are known.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
 from typing import Final
 
 from armadico.core.mechanisms import Coordination, decides
+from armadico.core.membership import agent_of
 from armadico.core.messages import BALLOTS, Award, BidRecord, Card, Claim, Cycle, Message, Proposal
+from armadico.core.services import service_of
 
 KEPT: Final = 200
-"""Cycles of a resource in memory. Of agents' bids, which they keep in fifties, all are in it."""
+"""Cycles of a resource in memory, of each epoch; bids of older ones come too late to be counted."""
+
+_Agents = frozenset[tuple[str, str]]
+"""Agents by robot and name, since the twin of a redundant agent is no rival."""
 
 
 @dataclass
 class _Wanted:
-    """The agents that wanted a resource, by cycle; the last `KEPT` cycles."""
+    """The agents that wanted a resource, by the cycles of one epoch."""
 
-    by: dict[Cycle, set[str]] = field(default_factory=dict)
-    count: int = 0
+    by: dict[int, _Agents] = field(default_factory=dict)
+    before: Counter[_Agents] = field(default_factory=Counter)  # of the dropped cycles
+    dropped: int = -1  # the newest of those
 
-    def add(self, cycle: Cycle, instance: str) -> None:
-        agents = self.by.setdefault(cycle, set())
-        before = len(agents)
-        agents.add(instance)
-        self.count += before == 1 < len(agents)
+    def add(self, number: int, robot: str, agent: str) -> None:
+        if number <= self.dropped:
+            return  # bids that agents keep are read many times
+        self.by[number] = self.by.get(number, frozenset()) | {(robot, agent)}
         if len(self.by) > KEPT:
-            del self.by[next(iter(self.by))]
+            self.dropped = min(self.by)
+            self.before[self.by.pop(self.dropped)] += 1
+
+    def count(self, arbiters: AbstractSet[str]) -> int:
+        """Return the cycles in which two agents wanted it that are not of these names."""
+        found = self.before + Counter(self.by.values())
+        return sum(
+            cycles
+            for agents, cycles in found.items()
+            if sum(name not in arbiters for _, name in agents) > 1
+        )
 
 
 class Contention:
-    """Counts, from bids in any order, those of mechanisms without an arbiter by claims, too."""
+    """Counts, from claims, and from bids in any order."""
 
     def __init__(self, mechanisms: Mapping[str, Coordination] | None = None) -> None:
-        """`mechanisms` are the chosen ones by name; None: by ballots, of which nothing is asked."""
-        self.mechanisms = dict(mechanisms or {})
-        self._bids: dict[str, _Wanted] = {}  # by resource; one without a utility makes it known
-        self._claims: dict[str, _Wanted] = {}
-        self._arbiters: set[str] = set()
+        """`mechanisms` are the chosen ones by name; what they do not decide about is ignored.
 
-    def update(self, message: Message) -> None:
-        """Process a proposal, claim or award; ignore all others."""
+        None: they are not known yet; `among` gets them from cards.
+        """
+        self.mechanisms = dict(mechanisms or {})
+        self._any = mechanisms is None
+        self._wanted: dict[tuple[str, int], _Wanted] = {}  # by resource and epoch
+        self._known: set[tuple[str, str]] = set()  # resources and instances, also without a utility
+        self._arbiters = {each.arbiter for each in self.mechanisms.values()}  # their names
+
+    def update(self, message: Message, robot: str = "") -> None:
+        """Process a proposal, claim or award; ignore all others.
+
+        `robot` is the name of its robot, for resources between robots.
+        """
         match message:
-            case Proposal():
-                self._bid(message.resource, message.cycle, message.instance, message.utility)
-            case Claim() if message.utility is not None:
-                wanted = self._claims.setdefault(message.resource, _Wanted())
-                wanted.add(message.cycle, message.ballot.instance)
+            case Proposal() as p:
+                wants = (p.utility or 0.0) > 0.0 or any(p.votes) or any(p.vector)
+                self._bid(p.resource, p.cycle, p.instance, robot, wants=wants)
+            case Claim() as c if (c.utility or 0.0) > 0.0 and self._counts(c.resource):
+                self._add(c.resource, c.cycle, c.ballot.instance, robot)
             case Award():
-                self._arbiters.add(message.instance)
+                self._arbiters.add(agent_of(message.instance))
 
     def learn(self, instance: str, bids: Iterable[BidRecord]) -> None:
-        """Process bids that an agent has kept; an arbiter's are its awards, and count nothing."""
-        if instance not in self._arbiters:
-            for bid in bids:
-                self._bid(bid.resource, bid.cycle, instance, bid.utility)
+        """Process bids that an agent has kept, again if needed."""
+        for bid in bids:
+            wants = (bid.utility or 0.0) > 0.0
+            self._bid(bid.resource, bid.cycle, instance, "", wants=wants)
 
     @property
     def arbitrated(self) -> bool:
-        """Whether an arbiter has awarded anything."""
-        return bool(self._arbiters)
+        """Whether an arbiter is known."""
+        return any(self._arbiters)
 
-    def _bid(self, resource: str, cycle: Cycle, instance: str, utility: float | None) -> None:
-        wanted = self._bids.setdefault(resource, _Wanted())
-        if utility is not None:
-            wanted.add(cycle, instance)
+    def _bid(self, resource: str, cycle: Cycle, instance: str, robot: str, *, wants: bool) -> None:
+        if self._counts(resource):
+            self._known.add((resource, instance))
+            if wants:
+                self._add(resource, cycle, instance, robot)
+
+    def _add(self, resource: str, cycle: Cycle, instance: str, robot: str) -> None:
+        wanted = self._wanted.setdefault((resource, cycle.epoch), _Wanted())
+        wanted.add(cycle.number, robot, agent_of(instance))
+
+    def _counts(self, resource: str) -> bool:
+        return self._any or any(_about(each, resource) for each in self.mechanisms.values())
 
     def of(self, name: str) -> int | None:
         """Return the cycles in which two agents wanted what a mechanism decides about.
@@ -76,11 +108,21 @@ class Contention:
         None: not known.
         """
         found = self.mechanisms[name]
-        known = [each for of, each in self._bids.items() if _about(found, of)]
-        count = sum(each.count for each in known)
-        if not found.arbiter and not known:  # those that lose are silent: no claims prove nothing
-            count = sum(each.count for of, each in self._claims.items() if _about(found, of))
-        return count if known or count else None
+        return self._count(lambda resource: _about(found, resource), self._arbiters)
+
+    def _count(
+        self,
+        about: Callable[[str], bool],
+        arbiters: AbstractSet[str],
+        competing: AbstractSet[str] = frozenset(),
+    ) -> int | None:
+        """Return the same of resources; 0 only if bids of all `competing` instances are known.
+
+        Claims prove no 0, since agents that lose may be silent.
+        """
+        count = sum(each.count(arbiters) for (of, _), each in self._wanted.items() if about(of))
+        known = {one for of, one in self._known if about(of) and agent_of(one) not in arbiters}
+        return count if count or (known and competing <= known) else None
 
     @property
     def least(self) -> int | None:
@@ -92,37 +134,34 @@ class Contention:
     @property
     def undecided(self) -> str:
         """Sentences about mechanisms that decided nothing, or of which that is not known; or ""."""
-        return "; ".join(text for name in self.mechanisms if (text := self._told(name)))
-
-    def _told(self, name: str) -> str:
-        found, count = self.mechanisms[name], self.of(name)
-        about = f"{decides(found)}{'*' * _several(found)}"
-        if not about:
-            return told(name, about, count, "it does not declare what it decides about")
-        silent = f"no proposal for {about} was received"
-        return told(name, about, count, silent if found.arbiter else LOSERS)
+        texts = (
+            _told(name, f"{decides(found)}{'*' * _several(found)}", self.of(name))
+            for name, found in self.mechanisms.items()
+        )
+        return "; ".join(filter(None, texts))
 
     def among(self, cards: Iterable[Card]) -> list[str]:
         """Return such sentences about the mechanisms that agents' cards name."""
-        names = {
-            (name, resource)
-            for card in cards
-            for resource in card.resources
-            if (name := card.mechanism_of(resource)) != BALLOTS
-        }
+        by: dict[str, list[Card]] = {}  # by resource
+        for card in cards:
+            for resource in card.resources:
+                by.setdefault(resource, []).append(card)
         found = []
-        for name, resource in sorted(names):
-            bids = self._bids.get(resource)
-            found.append(told(name, resource, None if bids is None else bids.count, LOSERS))
-        return [text for text in found if text]
+        for resource, those in by.items():
+            arbiters = self._arbiters | {card.name for card in those if awards(card, resource)}
+            competing = {card.instance for card in those if card.name not in arbiters}
+            count = self._count(resource.__eq__, arbiters, competing)
+            names = {card.mechanism_of(resource) for card in those} - {BALLOTS}
+            found += [_told(name, resource, count) for name in names]
+        return sorted(filter(None, found))
 
 
-LOSERS: Final = "agents that lose publish nothing, and their bids were not received"
-
-
-def told(name: str, about: str, count: int | None, why: str) -> str:
-    """Return a sentence about a mechanism that decided nothing; `why` its count is not known."""
+def _told(name: str, about: str, count: int | None) -> str:
+    """Return a sentence about a mechanism that decided nothing, or "" about one that did."""
     if count is None:
+        why = f"not all bids for {about} were received"
+        if not about:
+            why = "it does not declare what it decides about"
         return f"whether --coordination {name} had anything to decide is not known: {why}"
     if count:
         return ""
@@ -130,6 +169,12 @@ def told(name: str, about: str, count: int | None, why: str) -> str:
         f"--coordination {name} had nothing to decide: no two agents wanted {about} in one cycle,"
         " so this run says nothing about it"
     )
+
+
+def awards(card: Card, resource: str) -> bool:
+    """Return whether an agent is an arbiter of a resource."""
+    key = service_of(Award).key_for(resource=resource, instance=card.instance)
+    return key in card.provides
 
 
 def _about(found: Coordination, resource: str) -> bool:

@@ -271,7 +271,7 @@ class RunWatch:
     limit: float | None = None
     driven: Driven = field(default_factory=Driven)
     holders: Holders = field(default_factory=Holders)
-    contention: Contention = field(default_factory=Contention)
+    contention: Contention = field(default_factory=lambda: Contention({}))
     clearance: float | None = None
     _frame: Pose2 | None = None  # of the ground truth, if it was aligned
 

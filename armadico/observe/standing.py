@@ -23,9 +23,7 @@ from armadico.core.hands import release
 from armadico.core.membership import agent_of
 from armadico.core.messages import (
     BALLOTS,
-    Award,
     BidRecord,
-    Card,
     Cycle,
     Description,
     LogEvent,
@@ -37,6 +35,7 @@ from armadico.core.services import QUIET_S, matches, service_at, service_of
 from armadico.mobile.behaviour import LOST_M
 from armadico.mobile.messages import MissionState, MissionStatus, Pose, Trajectory
 from armadico.mobile.obstacles import Obstacles
+from armadico.observe.contention import awards
 from armadico.observe.findings import NOTHING, Demand, Finding, Sort, cause
 from armadico.observe.view import FRESH_CYCLES, RESTS, View, speed
 
@@ -417,7 +416,9 @@ class _Chain:
             what = f"{name} has bid for only {bids:.1f} s."
             return self.end(Sort.STARTING, name, what)
         card = self.view.cards.get(instance)
-        decides = BALLOTS if card is None or _awards(card) else card.mechanism_of(WHEELS.name)
+        decides = (
+            BALLOTS if card is None or awards(card, WHEELS.name) else card.mechanism_of(WHEELS.name)
+        )
         if decides != BALLOTS:  # it commands nothing itself
             return self._undecided(decides)
         what = f"Commands from {name} do not reach {to}."
@@ -429,7 +430,7 @@ class _Chain:
         None if an arbiter is alive: it competes, too, and has its own cause.
         """
         view, cards = self.view, self.view.cards
-        arbiters = {instance for instance, card in cards.items() if _awards(card)}
+        arbiters = {instance for instance, card in cards.items() if awards(card, WHEELS.name)}
         if arbiters & view.alive.keys():
             return None
         if gone := [instance for instance in view.gone if instance in arbiters]:
@@ -677,12 +678,6 @@ def lost(view: View, now: float) -> Finding | None:
         return Finding(Sort.LOST, "", f"The robot is {view.pose_text(now)}.", todo)
     todo = "wait until an agent has localized it; check that it is within the map"
     return Finding(Sort.LOST, "", f"The robot is lost: {view.pose_text(now)}.", todo)
-
-
-def _awards(card: Card) -> bool:
-    """Whether an agent is an arbiter of the wheels."""
-    key = service_of(Award).key_for(resource=WHEELS.name, instance=card.instance)
-    return key in card.provides
 
 
 def _reachable(host: str) -> str:

@@ -41,7 +41,6 @@ from armadico.core.services import matches, service_at, service_of
 from armadico.mobile.messages import MissionState, Pose, Truth
 from armadico.mobile.motion import Body
 from armadico.mobile.obstacles import Obstacles
-from armadico.observe.contention import Contention
 from armadico.observe.findings import NOTHING, Demand, Finding, Sort, cause
 from armadico.observe.journeys import Journeys
 from armadico.observe.pauses import Pauses
@@ -181,7 +180,6 @@ class Chronicle:
         self.moments: list[Moment] = []
         self.drives = Drives(WHEELS.name)
         self.journeys = Journeys()
-        self.contention = Contention()
         self._pressed: list[_Pressed] = []
         self._records: dict[tuple[str, str], deque[BidRecord]] = {}
         self._history: dict[str, _History] = {}  # by resource
@@ -209,7 +207,6 @@ class Chronicle:
         first, truth = self.view.state is None, self.view.truth
         self.view.update(key, message, t)
         if message is not None:
-            self.contention.update(message)
             self.journeys.update(message, self.view, t - self._begun)
         match message:
             case RobotState():
@@ -233,7 +230,6 @@ class Chronicle:
         self._advance(t)
         self.view.learn(message, t)
         if isinstance(message, BidHistory):
-            self.contention.learn(message.instance, message.bids)
             for bid in message.bids:
                 kept = self._records.setdefault(
                     (message.instance, bid.resource), deque(maxlen=KEPT_CYCLES)

@@ -13,6 +13,7 @@ from armadico.agents.fleet.messages import FleetStatus
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.core.config_errors import ConfigError
 from armadico.core.messages import Cycle, Proposal
+from armadico.core.resources import WHEELS
 from armadico.launch.society import Options
 from armadico.mobile.messages import FleetProposals
 from armadico.observe.contention import Contention
@@ -43,10 +44,25 @@ def test_a_mechanism_for_tasks_that_only_one_robot_wants_has_nothing_to_decide()
     watch.contention = Contention({"central": Central()})
     assert "not known" in watch.result().undecided
     for robot, contended in (("r1", 0), ("r2", 1)):
-        asked = (Proposal("task-0", Cycle(1, 1), robot, 0.5),)
-        watch.update(robot, FleetProposals(robot, robot, Cycle(1, 1), asked), 1.0)
+        for instance in (f"fleet-{robot}a", f"fleet-{robot}b"):  # a redundant robot's are no rivals
+            asked = (Proposal("task-0", Cycle(1, 1), instance, 0.5),)
+            watch.update(robot, FleetProposals(robot, instance, Cycle(1, 1), asked), 1.0)
         assert watch.result().contended == contended
         assert bool(watch.result().undecided) is not bool(contended)
+
+
+def test_the_bids_that_the_agents_of_a_fleet_keep_are_read_at_its_end() -> None:
+    class Made:
+        arbiter, resource = "judge", WHEELS
+
+        def contender(self, *_: Any) -> None:
+            return None
+
+    fleet = FleetRehearsal(SHORT, Options(limit=1.0), 2)
+    fleet.watch.contention = Contention({"made": Made()})
+    for rehearsal in fleet.robots.values():
+        rehearsal.watch.contention = fleet.watch.contention
+    assert fleet.run().contended is not None
 
 
 @pytest.mark.long

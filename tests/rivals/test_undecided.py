@@ -11,10 +11,11 @@ from armadico.cli.run import main
 ALONE = ("run", "sc1", "--virtual", "--sensors", "ideal", "--no-plot", "--coordination", "auction")
 
 
+@pytest.mark.parametrize("more", [(), ("--redundant",)])
 def test_an_auction_without_a_rival_says_that_it_decided_nothing(
-    capsys: pytest.CaptureFixture[str],
+    more: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = [*ALONE[1:], "--without", "avoid", "--without", "gothrough", "--json"]
+    words = [*ALONE[1:], *more, "--without", "avoid", "--without", "gothrough", "--json"]
     assert main(words) == 0
     found = capsys.readouterr()
     result = json.loads(found.out)

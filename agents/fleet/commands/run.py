@@ -205,7 +205,10 @@ class FleetRehearsal(FleetRun):
     ) -> FleetResult:
         """See `Run`. Raises AgentFailedError if an agent's own code raises."""
         with attributed():
-            return super().run(progress, warn)
+            super().run(progress, warn)
+        for rehearsal in self.robots.values():
+            rehearsal.read_bids()
+        return self.watch.result()
 
     def wait_until(self, condition: Callable[[], bool], seconds: float) -> None:
         self.mesh.run(self.mesh.now + seconds, condition)

@@ -113,7 +113,7 @@ class FleetWatch:
     note: str = ""
     lost: str = ""  # why the run could not be watched until its end
     status: dict[str, FleetStatus] = field(default_factory=dict)
-    contention: Contention = field(default_factory=Contention)
+    contention: Contention = field(default_factory=lambda: Contention({}))
     _status_at: dict[str, float] = field(default_factory=dict)  # each robot's last status
     # The tasks that each robot has given up, and the time of that message.
     _given_up: dict[str, tuple[float, frozenset[int]]] = field(default_factory=dict)
@@ -144,7 +144,8 @@ class FleetWatch:
             return
         one = self._one(robot)
         for each in _bids(message):
-            self.contention.update(each)
+            # What agents of one robot want has cycles of its own.
+            self.contention.update(each, "" if each is message else robot)
         if isinstance(message, FleetStatus):
             self.status[robot], self._status_at[robot] = message, now
         elif isinstance(message, FleetClaims):

@@ -18,6 +18,7 @@ from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
     from armadico.core.messages import BidRecord
+    from armadico.observe.contention import Contention
     from armadico.observe.journeys import Journey
     from armadico.observe.standing import Standing
     from armadico.observe.view import View
@@ -204,11 +205,13 @@ def _replayed(past: Past, instances: set[str], at: float) -> Bids:
 
 
 def _read(args: Options, past: Past, again: Bids) -> Answer:
+    from armadico.observe.contention import Contention
     from armadico.observe.standing import standing
     from armadico.watch.why import LATER_S, Chronicle
 
     demand = Demand(installed=providers)
     chronicle, at = Chronicle(again, demand=demand), args.at
+    contention = Contention()
     namespace, t = args.mesh.namespace, 0.0
     first: int | None = None
     found: Standing | None = None
@@ -225,7 +228,7 @@ def _read(args: Options, past: Past, again: Bids) -> Answer:
             chronicle.mark(at)
         if at is not None and t > at + LATER_S:
             break
-        _add(chronicle, row, t)
+        _add(chronicle, contention, row, t)
     if not args.mesh.namespace and others:
         names = ", ".join(sorted({namespace, *others}))
         raise UsageError(f"{args.file} holds {names}; name one robot: --namespace NS")
@@ -240,7 +243,7 @@ def _read(args: Options, past: Past, again: Bids) -> Answer:
     if at is not None:
         return chronicle.moments[0]
     began = 0.0 if first is None else first / 1e9
-    return _event(args, chronicle) or _summary(chronicle, t, namespace or "", began)
+    return _event(args, chronicle) or _summary(chronicle, contention, t, namespace or "", began)
 
 
 def _event(args: Options, chronicle: Chronicle) -> Event | None:
@@ -264,7 +267,7 @@ def _event(args: Options, chronicle: Chronicle) -> Event | None:
     return None
 
 
-def _add(chronicle: Chronicle, row: Row, t: float) -> None:
+def _add(chronicle: Chronicle, contention: Contention, row: Row, t: float) -> None:
     """Add one row of a recording."""
     from armadico.core.messages import (
         BidHistory,
@@ -284,11 +287,15 @@ def _add(chronicle: Chronicle, row: Row, t: float) -> None:
     except MessageError:
         message = None
     if isinstance(message, BidRecord):
-        chronicle.learn(BidHistory(row.key.split("/")[2], (message,)), t)
+        instance = row.key.split("/")[2]
+        chronicle.learn(BidHistory(instance, (message,)), t)
+        contention.learn(instance, (message,))
     elif isinstance(message, Card):
         chronicle.learn(message, t)
     else:
         chronicle.update(row.key.removesuffix(REFUSED), message, t)
+        if message is not None:
+            contention.update(message)
 
 
 # Answers ------------------------------------------------------------------------------------------
@@ -326,7 +333,9 @@ def rehearsed(journeys: Sequence[Journey], namespace: str, began: float) -> list
     return found
 
 
-def _summary(chronicle: Chronicle, ends: float, namespace: str, began: float) -> Summary:
+def _summary(
+    chronicle: Chronicle, contention: Contention, ends: float, namespace: str, began: float
+) -> Summary:
     """A recording with a line for each event; it began at `began`, s since 1970."""
     from armadico.core.mechanisms import deciding
     from armadico.core.membership import agent_of
@@ -345,11 +354,11 @@ def _summary(chronicle: Chronicle, ends: float, namespace: str, began: float) ->
     lines += [f"Not all {what}s are known: {why}." for what, why in unknown.items()]
     if {*mechanisms} - {BALLOTS}:
         lines.append(f"What decided who drives: {', '.join(mechanisms)}.")
-    if chronicle.contention.arbitrated:
+    if contention.arbitrated:
         changes = max(len(chronicle.drives.drives) - 1, 0)
         times = f"{changes} time{'s' * (changes != 1)}"
         lines.append(f"An exchange is one of arbiters; by award the driving agent changed {times}.")
-    lines += [f"{text[0].upper()}{text[1:]}." for text in chronicle.contention.among(cards)]
+    lines += [f"{text[0].upper()}{text[1:]}." for text in contention.among(cards)]
     for each in exchanges[:MOST_LISTED]:
         of = "" if each.resource == WHEELS else f" of {each.resource}"
         agents = f"{agent_of(each.loser)} -> {agent_of(each.winner)}"

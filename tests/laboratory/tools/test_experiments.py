@@ -547,6 +547,9 @@ def test_a_mechanism_that_had_nothing_to_decide_is_no_tie_with_ballots() -> None
     silent = cells.undecided(tables, made, "ballots")
     assert {arm for _, arm in silent} == {"executive", "queue", "central"}
     assert "is not known" in silent["row", "central"], "that nobody counted is no contention"
+    made["row"]["executive"][0] = replace(made["row"]["executive"][0], contended=None)
+    partly = cells.undecided(tables, made, "ballots")
+    assert "is not known" in partly["row", "executive"], "the other runs do not speak for this one"
     assert silent["row", "executive"].startswith("not contended")
     assert "to the last digit" in silent["row", "queue"]
     found = cells.compared(made, ("tt_s",), "ballots", pooled=True, silent=silent)

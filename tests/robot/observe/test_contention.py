@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import pytest
+from msgspec.structs import replace
 
 from armadico.core.messages import (
     Award,
@@ -17,6 +17,7 @@ from armadico.core.messages import (
     Proposal,
 )
 from armadico.core.resources import WHEELS, Resource
+from armadico.core.services import service_of
 from armadico.observe.contention import KEPT, Contention
 
 
@@ -55,7 +56,7 @@ def test_cycles_are_counted_in_which_two_agents_propose_with_a_utility() -> None
 def test_a_lone_agent_leaves_nothing_to_decide_and_silence_leaves_it_unknown() -> None:
     found = contention()
     assert found.least is None
-    assert "is not known: no proposal for wheels" in found.undecided
+    assert "is not known: not all bids for wheels" in found.undecided
     found.update(proposal("goto-1", 1, 0.5))
     found.update(proposal("avoid-1", 2, 0.5))
     assert found.least == 0
@@ -65,7 +66,9 @@ def test_a_lone_agent_leaves_nothing_to_decide_and_silence_leaves_it_unknown() -
 def test_bids_that_agents_keep_count_once_and_those_of_an_arbiter_do_not() -> None:
     found = contention()
     found.update(Award("wheels", Cycle(1, 1), "judge-1"))
-    found.learn("judge-1", [record(1, 0.5), record(2, 0.5)])
+    for instance in ("judge-1", "judge-2"):  # a standby arbiter publishes no award
+        found.learn(instance, [record(1, 1.0), record(2, 1.0)])
+        assert found.least is None
     found.learn("goto-1", [record(1, 0.5), record(2, 0.5)])
     assert found.least == 0
     for _ in range(2):
@@ -74,6 +77,38 @@ def test_bids_that_agents_keep_count_once_and_those_of_an_arbiter_do_not() -> No
     for number in range(2 * KEPT):
         found.update(proposal("goto-1", number, 0.5))
     assert found.least == 1
+
+
+def test_bids_read_again_after_many_cycles_or_of_another_robot_count_once() -> None:
+    found = contention()
+    dead = [record(number, 0.5) for number in range(50)]
+    for second in range(4):
+        for instance in ("goto-1", "avoid-1"):
+            found.learn(instance, dead)
+        for number in range(KEPT):
+            found.update(proposal("late-1", 50 + second * KEPT + number, 0.5))
+            found.update(replace(proposal("late-1", number, 0.5), cycle=Cycle(2, number)))
+        assert found.least == 50
+
+
+def test_the_twin_of_a_redundant_agent_is_no_rival_and_that_of_another_robot_is() -> None:
+    found = contention()
+    for instance in ("goto-1", "goto-2"):
+        found.update(proposal(instance, 1, 0.5), "r1")
+    assert found.least == 0
+    found.update(proposal("goto-3", 1, 0.5), "r2")
+    assert found.least == 1
+
+
+def test_a_bid_of_utility_0_wants_nothing_unless_it_has_votes_or_a_vector() -> None:
+    found = contention()
+    for number, more in enumerate(({}, {"votes": (0, 50)}, {"vector": (0.1, 0.0)})):
+        found.update(proposal("goto-1", number, 0.5))
+        found.update(replace(proposal("avoid-1", number, 0.0), **more))
+        assert found.least == number
+    found.learn("avoid-1", [record(0, 0.0)])
+    found.update(Claim("wheels", Ballot(1, 0.0, False, "avoid-1"), Cycle(1, 0), 0.0))
+    assert found.least == 2
 
 
 def test_without_an_arbiter_claims_of_two_show_contention_and_those_of_one_show_nothing() -> None:
@@ -88,11 +123,11 @@ def test_without_an_arbiter_claims_of_two_show_contention_and_those_of_one_show_
 
 def test_resources_that_exist_only_later_count_by_how_their_names_begin() -> None:
     found = contention(resource="task-")
-    for instance in ("fleet-1", "fleet-2"):
-        found.update(proposal(instance, 1, 0.5, "passage-0"))
+    for robot in ("r1", "r2"):
+        found.update(proposal("fleet-1", 1, 0.5, "passage-0"), robot)
     assert "task-*" in found.undecided
-    for instance in ("fleet-1", "fleet-2"):
-        found.update(proposal(instance, 1, 0.5, "task-0"))
+    for robot in ("r1", "r2"):
+        found.update(proposal("fleet-1", 1, 0.5, "task-0"), robot)
     assert (found.least, found.undecided) == (1, "")
 
 
@@ -110,13 +145,38 @@ def test_by_ballots_nothing_is_said() -> None:
     assert (Contention().least, Contention().undecided) == (None, "")
 
 
-@pytest.mark.parametrize("known", [True, False])
-def test_an_observer_asks_it_of_the_mechanisms_that_cards_name(known: bool) -> None:
-    found = Contention()
-    if known:
-        found.learn("goto-1", [record(1, 0.5)])
-    card = Card(
-        *("goto", "goto-1", "here", 1, "", 1, (), (), ("wheels",)), mechanisms=("wheels made",)
+def card(name: str, *provides: str) -> Card:
+    return Card(
+        *(name, f"{name}-1", "here", 1, "", 1, provides, (), ("wheels",)),
+        mechanisms=("wheels made",),
     )
-    (told,) = found.among([card, card])
-    assert ("had nothing to decide" in told) is known
+
+
+def test_an_observer_asks_it_of_the_mechanisms_that_cards_name() -> None:
+    found, cards = Contention(), [card("goto"), card("avoid")]
+    for instance in ("goto-1", "avoid-1"):
+        (told,) = found.among(cards)
+        assert "made had anything to decide is not known: not all bids for wheels" in told
+        found.learn(instance, [record(1, None if instance == "avoid-1" else 0.5)])
+    (told,) = found.among(cards)
+    assert "made had nothing to decide: no two agents wanted wheels" in told
+    found.update(Claim("wheels", Ballot(1, 0.5, False, "avoid-1"), Cycle(1, 1), 0.5))
+    assert found.among(cards) == []
+
+
+def test_an_observer_knows_an_arbiter_by_its_card_also_after_its_bids() -> None:
+    found = Contention()
+    for instance in ("judge-1", "judge-2", "goto-1"):
+        found.learn(instance, [record(1, 0.5)])
+    found.update(Claim("wheels", Ballot(1, 1.0, False, "judge-1"), Cycle(1, 1), 1.0))
+    judge = card("judge", service_of(Award).key_for(resource="wheels", instance="judge-1"))
+    (told,) = found.among([card("goto"), judge])
+    assert "made had nothing to decide" in told
+
+
+def test_what_no_mechanism_decides_about_is_not_kept() -> None:
+    for found in (Contention({}), contention(resource="task-")):
+        for number in range(KEPT):
+            found.update(proposal("goto-1", number, 0.5, f"passage-{number}"))
+            found.update(Claim("wheels", Ballot(1, 0.5, False, "goto-1"), Cycle(1, number), 0.5))
+        assert not found._wanted, "it would grow for as long as the society runs"

@@ -179,19 +179,20 @@ def undecided(
     for row, arms in tables.items():
         for arm, cell in arms.items():
             of, other = by_arm[row][arm], by_arm[row][against]
-            counts = [one.contended for one in of if one.contended is not None]
+            counts = [one.contended for one in of]
             if cell.kill is not None or not cell.coordination:
                 continue  # by ballots, or the kill is what is decided about
             what = f"what {cell.coordination} decides about"
-            if not counts:
+            if not any(counts) and (None in counts or not counts):
                 why = f"whether two agents wanted at the same time {what} is not known"
             elif not any(counts):
                 why = f"not contended: no two agents wanted at the same time {what}"
             elif cell.coordination != arms[against].coordination and all(map(_alike, of, other)):
                 why = (
                     f"hardly contended: two agents wanted at the same time {what} in"
-                    f" {max(counts)} cycles of a run at most, and each run is as that of {against},"
-                    " to the last digit"
+                    f" {max(filter(None, counts))} cycles of a run at most"
+                    f"{', as far as that is known' * (None in counts)}, and each run is as that of"
+                    f" {against}, to the last digit"
                 )
             else:
                 continue
