@@ -45,9 +45,8 @@ class Drive(Choices):
         "drive N times with successive seeds (default: once)", metavar="N", must=at_least(1)
     )
     json: bool = flag("print one JSON object; of several runs: runs, judgement, mean, deviation")
-    accept_unknown: bool = flag(
-        "return 0 instead of 3 for a run whose result is unknown, as on a real robot, of which"
-        " nothing counts collisions"
+    accept_unknown: bool = options.accept_option(
+        "a run whose result is unknown, as on a real robot, of which nothing counts collisions"
     )
     attach: bool = flag(
         "drive with a running society, here or elsewhere; Ctrl-C only stops the robot"

@@ -64,6 +64,20 @@ def test_a_usual_drive_passes_and_what_had_no_occasion_is_named(
     assert audit(recording, "--only", "failed")[0] == 3, "nothing at all was checked"
 
 
+def test_what_only_a_truth_shows_can_be_accepted_as_unknown_and_the_rest_is_named_as_kept(
+    recording: Path, audit: Audit, tmp_path: Path
+) -> None:
+    real, nothing = tmp_path / "real.mcap", tmp_path / "nothing.mcap"
+    copied(recording, real, lambda row: row.key != "sim/truth")
+    code, found = audit(real, "--only", "pose")
+    assert (code, answers(found)) == (3, {"pose": "unknown"})
+    assert found["promises"][0]["what"] == "kept as far as was judged: no Truth received"
+    code, found = audit(real, "--accept-unknown")
+    assert (code, found["answer"]) == (0, "unknown")
+    copied(recording, nothing, lambda row: row.key == "encoder/pose")
+    assert audit(nothing, "--accept-unknown")[0] == 3, "nothing was kept"
+
+
 def test_a_path_through_a_wall_of_the_map_that_the_agents_name_is_broken(
     audit: Audit, tmp_path: Path
 ) -> None:
@@ -95,6 +109,7 @@ def test_a_mission_that_is_reported_as_reached_under_way_is_broken(
         run.mesh.run(5.5)
     code, found = audit(path)
     assert (code, answers(found)["reached"]) == (1, "no")
+    assert audit(path, "--accept-unknown")[0] == 1
 
 
 def test_a_recording_that_was_cut_is_never_all_kept(
@@ -139,6 +154,7 @@ def test_a_gap_is_not_blamed_on_the_robot_and_not_passed_over(
     code, found = audit(gap, "--only", "one-driver")
     assert (code, found["findings"], answers(found)) == (3, [], {"one-driver": "unknown"})
     assert "nothing was received from" in found["unread"][0]
+    assert audit(gap, "--only", "one-driver", "--accept-unknown")[0] == 3
 
 
 @pytest.mark.parametrize(

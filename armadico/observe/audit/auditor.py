@@ -138,7 +138,7 @@ class Auditor:
         new = Auditor(self._kinds, self.scene.excuses if excuses is None else excuses)
         new.scene.v_max = self.scene.v_max
         new.scene.mapped, new.scene.chart = self.scene.mapped, self.scene.chart
-        new.scene.world = self.scene.world
+        new.scene.world, new.scene.accuses = self.scene.world, self.scene.accuses
         return new
 
     def chart(self, walls: Iterable[Wall] | None, world: World | None = None) -> None:

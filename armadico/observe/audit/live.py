@@ -48,6 +48,7 @@ class Live:
         self.news: list[str] = []
         self._broken: dict[tuple[Promise, str], Finding] = {}
         self._auditor = auditor or Auditor()
+        self._auditor.scene.accuses = True
 
     def begin(self) -> None:
         """Forget all but findings and map: what this process did not receive proves nothing."""

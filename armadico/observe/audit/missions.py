@@ -16,8 +16,6 @@ from armadico.mobile.messages import (
     MissionState,
     MissionStatus,
     Pose,
-    Scan,
-    Sonar,
     Trajectory,
     Truth,
     Waypoint,
@@ -77,12 +75,12 @@ class Reached(Rule):
     """A goal that is reported as reached is reached: by the truth, else by pose and readings.
 
     The goal is the end of the mission's last path. A pose that is off proves itself by nothing, so
-    without a truth readings must show the place, in all directions; else it is not known.
+    without a truth readings must show the place, in all directions; else it is not known. What is
+    missing for that is of the goal alone, so readings are not among what this rule `sees`.
     """
 
     promise = Promise.REACHED
     needs = (MissionStatus, Trajectory, Pose)
-    sees = (Sonar, Scan)
 
     def __init__(self) -> None:
         super().__init__()
@@ -107,12 +105,12 @@ class Reached(Rule):
             yield self.found(now, "interface", text, answer=Answer.UNKNOWN)
 
     def _judge(self, goal: Waypoint, doubt: str, now: Scene) -> Iterator[Finding]:
-        pose, truth = now.pose, now.truth
+        pose = now.pose
         if pose is None:
             text = "reached, and no Pose was received that shows where"
             yield self.found(now, "interface", text, answer=Answer.UNKNOWN)
             return
-        by_pose, truly = _off(goal, pose), None if truth is None else _off(goal, truth)
+        by_pose, truly = _off(goal, pose), _truly(goal, now)
         by = "" if truly is None else _by(pose, by_pose)
         off = by_pose if truly is None else truly
         # A mission that ends as unsure may be off by as much as the pose.
@@ -128,13 +126,24 @@ class Reached(Rule):
             yield self.found(now, "localization", what, _by(pose, by_pose), Answer.UNKNOWN)
         elif truly is not None and _beyond(*truly, *may_be):
             yield self.found(now, "localization", f"reported as reached, {_so(truly)} off", by)
-        elif truly is None and (why := unproven(now)):
+        elif truly is None and not now.accuses and (why := unproven(now)):
             what = f"reported as reached, as far as its pose knows: {why}"
             yield self.found(now, "localization", what, _by(pose, by_pose), Answer.UNKNOWN)
 
 
 def _off(goal: Waypoint, at: Pose | Truth) -> tuple[float, float]:
     return hypot(goal.x - at.x, goal.y - at.y), abs(wrap(goal.theta - at.theta))
+
+
+def _truly(goal: Waypoint, now: Scene) -> tuple[float, float] | None:
+    """How far the robot is off in truth; None if that, or its frame, is not known well enough."""
+    if now.placed is None:
+        return None
+    truth, *frame = now.placed
+    off_m, off_rad = _off(goal, truth)
+    surely = _beyond(off_m - frame[0], off_rad - frame[1])
+    unclear = _beyond(off_m, off_rad) or _beyond(*frame)
+    return None if unclear and not surely else (off_m, off_rad)
 
 
 def _beyond(off_m: float, off_rad: float, may_m: float = 0.0, may_rad: float = 0.0) -> bool:

@@ -12,7 +12,7 @@ from armadico.mobile.geometry import Pose2, compose, relative, wrap
 from armadico.mobile.messages import Correction, InitialPose, Pose, Truth
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import Rule
-from armadico.observe.audit.scene import Scene
+from armadico.observe.audit.scene import SIGMAS, Scene
 
 STEP_M = 0.02
 SIDEWAYS_RAD = 0.2
@@ -170,9 +170,9 @@ class Moves(Rule):
             yield self.found(now, "localization", what, f"+-{known:.2f} m")
 
 
-SIGMAS, ALLOWED_M, ALLOWED_RAD = 3.0, 0.15, 0.15
-"""A pose is wrong if its error exceeds so many of its standard deviations plus the others, m and
-rad: the tolerance of a goal, and of a direction to an obstacle at 1 m."""
+ALLOWED_M, ALLOWED_RAD = 0.15, 0.15
+"""A pose is wrong if its error exceeds what it may be off plus these, m and rad: the tolerance of
+a goal, and of a direction to an obstacle at 1 m."""
 
 OVERCONFIDENT_S: Final = 5.0
 """A robot may move for this time, s, with a pose that is wrong beyond its covariance. That is about
@@ -192,7 +192,8 @@ def may_be_off(pose: Pose) -> tuple[float, float]:
 class Claims(Rule):
     """A pose is off the truth by no more than its covariance, or for some seconds of driving only.
 
-    The fault bed judges the same through its faults (`armadico_tools.faults.pose`).
+    Without a map their frames may differ, so they are compared since the robot's first rest. The
+    fault bed judges the same through its faults (`armadico_tools.faults.pose`).
     """
 
     promise = Promise.POSE
@@ -201,35 +202,42 @@ class Claims(Rule):
 
     def __init__(self) -> None:
         super().__init__()
-        self._truths: dict[Cycle, Truth] = {}
+        self._truths: dict[Cycle, tuple[Truth, float, float]] = {}
+        self._unplaced = False
         self._wrong_s, self._last_at = 0.0, -inf
 
     @property
     def pending(self) -> str:
         """Without a truth a pose may be off as its readings are, so it is not known to be right."""
+        if self._unplaced:
+            return "the frames of Pose and Truth are not known to be the same"
         return "" if self._truths else "no Truth received"
 
     @property
     def due(self) -> bool:
-        return self.checked and not self._truths
+        return self.checked and bool(self.pending)
 
     def on_robot_state(self, state: RobotState, now: Scene) -> None:
-        if now.truth is not None:
-            self._truths[state.cycle] = now.truth
+        if (placed := now.placed) is not None:
+            self._truths[state.cycle] = placed
             if len(self._truths) > POSES:
                 del self._truths[next(iter(self._truths))]
+        elif (truth := now.truth) is not None and max(abs(truth.v), abs(truth.w)) > MOVES_M_S:
+            self._unplaced = True
 
     def on_pose(self, pose: Pose, now: Scene) -> Iterator[Finding]:
-        truth, state = self._truths.get(pose.cycle), now.state
+        placed, state = self._truths.get(pose.cycle), now.state
         dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
         if state is None or not pose.covariance:
             return
         self.checked = True
-        if truth is None:
+        if placed is None:
             return
+        truth, frame_m, frame_rad = placed
         off = dist((pose.x, pose.y), (truth.x, truth.y))
         turned = abs(wrap(pose.theta - truth.theta))
         most, most_rad = may_be_off(pose)
+        most, most_rad = most + frame_m, most_rad + frame_rad
         beyond = off - SKEW_S * abs(truth.v) > most or turned - SKEW_S * abs(truth.w) > most_rad
         if not beyond or now.excuse(Excuse.DISTURBED) is not None:
             self._wrong_s = 0.0

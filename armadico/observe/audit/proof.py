@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from math import atan2, cos, degrees, sin
+from math import atan2, degrees
 from typing import Final
 
 import numpy as np
 
-from armadico.mobile.geometry import compose
 from armadico.mobile.messages import Pose, Sonar
 from armadico.observe.audit.chart import Chart
 from armadico.observe.audit.scene import Scene
-from armadico.observe.audit.sensing import BEAM, LASER_M, SONAR_M, rays_of
+from armadico.observe.audit.sensing import LASER_M, SONAR_M, compared, rays_of
 from armadico.observe.measures import REACHED_M
 
 NEWEST_S: Final = 3.0
@@ -37,25 +36,19 @@ def unproven(now: Scene) -> str:
     if values[0] >= LEAST:
         return ""
     x, y = directions[:, 0]
-    return f"its readings do not show its place along {degrees(atan2(y, x)) % 180.0:.0f} degrees"
+    return f"its readings do not show its place along {round(degrees(atan2(y, x))) % 180} degrees"
 
 
 def _fit(
     ray: tuple[float, float, float, float], cone: float, pose: Pose, chart: Chart
 ) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
     """What a reading shows by direction (2 x 2): positive if it fits the map, else negative."""
-    x, y, bearing, far = ray
-    from_x, from_y, theta = compose((pose.x, pose.y, pose.theta), (x, y, bearing))
-    angles = theta + cone * (BEAM if cone else BEAM[:1])
-    ends = [(from_x + far * cos(a), from_y + far * sin(a)) for a in angles]
-    sights = [each for a in angles if (each := chart.ahead(from_x, from_y, float(a))) is not None]
-    first = min(sights, default=None)
-    offs, walls = chart.off(np.array(ends)), chart.nearest(np.array(ends))
-    best = int(offs.argmin())
-    # Of a cone's wall the nearest part is heard, so nothing behind it can be.
-    behind = bool(cone) and first is not None and far > first.far + REACHED_M
-    fits = offs[best] <= REACHED_M and not behind
-    if not fits and first is None:
+    met = compared(ray, cone, pose, chart)
+    # Nothing is sensed through a wall: not by a laser, nor beside what a cone meets first.
+    if met.off <= REACHED_M and met.behind <= REACHED_M:
+        across = chart.across(met.nearest)
+        return np.outer(across, across)
+    if met.first is None:
         return np.zeros((2, 2))  # what it met is not on the map
-    across = chart.across(walls[best] if fits or first is None else first.wall)
-    return np.outer(across, across) * (1.0 if fits else -1.0)
+    across = chart.across(met.first.wall)
+    return -np.outer(across, across)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from math import inf
+from math import dist, inf
 from typing import Final
+
+from msgspec.structs import replace
 
 from armadico.config.worlds import World
 from armadico.core.membership import agent_of
@@ -20,8 +22,10 @@ from armadico.core.messages import (
 )
 from armadico.core.resources import WHEELS
 from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.geometry import compose, relative, wrap
 from armadico.mobile.messages import (
     ByHand,
+    InitialPose,
     Leading,
     MissionState,
     MissionStatus,
@@ -48,7 +52,7 @@ pose unknown."""
 
 SHOWN: Final[tuple[type[Message], ...]] = (
     *(RobotState, Description, Ack, Command, Pose, Obstacles, MissionStatus, Trajectory, Truth),
-    *(ByHand, Leading),
+    *(ByHand, Leading, InitialPose, Sonar, Scan),
 )
 """The messages that a scene is made of; a base stands for its subclasses."""
 
@@ -56,6 +60,15 @@ ROOM_M: Final = 0.5
 """An obstacle nearer to the robot's front or flanks than this, m, is a reason to stand."""
 
 RESTS: Final = Twist(0.0, 0.0)
+
+STILL: Final = 0.02
+"""Slower than this, m/s and rad/s, a pose and a truth of a cycle are of one place."""
+
+APART_M, APART_RAD = 0.2, 0.2
+"""A robot goes and turns by no more than this, m and rad, from one pose to the next."""
+
+SIGMAS: Final = 3.0
+"""A pose may be off by so many of its standard deviations."""
 
 CRUISE_M_S: Final = 0.75
 """The speed of the behaviours on a free way, m/s (thesis chapter 5), without a limit."""
@@ -72,6 +85,7 @@ class Scene:
         excuses: Those that count; others are switched off.
         needed: How often each excuse held when a rule asked for it.
         disturbed: A disturbance that the observer knows of, in words; "" without one.
+        accuses: Whether findings of what is unknown are of no use to the observer.
         mapped: Whether the robot was launched with a map; None: no agent's card told.
         chart: That map's walls; None: unknown.
         world: That map with its rooms and goals; None: unknown.
@@ -86,6 +100,7 @@ class Scene:
         self.excuses = excuses
         self.needed: Counter[Excuse] = Counter()
         self.disturbed = ""
+        self.accuses = False
         self.v_max = v_max
         self.mapped: bool | None = None
         self.chart: Chart | None = None
@@ -98,6 +113,9 @@ class Scene:
         self.state_gap_s = inf  # between the last two states
         self._pose: tuple[float, Pose | None] = -inf, None  # at
         self._truth: tuple[float, Truth | None] = -inf, None  # at
+        # A pose and the truth there: without a common map their frames may differ.
+        self._pair: tuple[Pose, Truth] | None = None
+        self._has_left = False  # the place of the pair
         self.mission: MissionStatus | None = None
         self.trajectory: Trajectory | None = None
         self.ack: Ack | None = None
@@ -120,10 +138,8 @@ class Scene:
                 self.ack, self.holder = message, driver(message) or ""
             case Command(resource=WHEELS.name) if message.ballot.instance == self.holder:
                 self.command = message
-            case Pose():
-                self._pose = self.now, message
-            case Truth():
-                self._truth = self.now, message
+            case Pose() | Truth() | InitialPose():
+                self._align(message)
             case MissionStatus():
                 self.mission = message
             case Trajectory():
@@ -144,6 +160,26 @@ class Scene:
         self.sensed.add(message, self.pose, self.now)
         if isinstance(message, Obstacles) and self._surroundings.counts(message):
             self.obstacles = self._surroundings.update(message) or self.obstacles
+
+    def _align(self, message: Pose | Truth | InitialPose) -> None:
+        pose, pair = self.pose, self._pair
+        if isinstance(message, Truth):
+            self._truth = self.now, message
+            if max(abs(message.v), abs(message.w)) > STILL:
+                self._has_left = pair is not None
+            elif pose is None or self.lost or self._has_left:
+                pass
+            elif pair is None or _apart(pair[0], pose):  # the first is the most certain one
+                self._pair = pose, message
+            return
+        set_anew = isinstance(message, InitialPose)
+        if isinstance(message, Pose):
+            self._pose = self.now, message
+            # Such as by a SLAM that has found its place on a saved map.
+            corrected = pose is not None and pose.revision != message.revision
+            set_anew = corrected and pose is not None and _apart(pose, message)
+        if set_anew:
+            self._pair, self._has_left = None, False
 
     def own(self, truth: Truth) -> bool:
         """Whether a truth is this robot's: another simulator may publish in the namespace."""
@@ -171,6 +207,26 @@ class Scene:
         """The same of the true pose."""
         at, truth = self._truth
         return truth if self.now - at < STATES_S else None
+
+    @property
+    def placed(self) -> tuple[Truth, float, float] | None:
+        """The truth in the frame of the poses, and by how much that may be off, m and rad.
+
+        The frames are the same if the robot was launched with a map. Else the truth is aligned
+        where the robot first rests, or rests after its pose was set anew; None until then, and once
+        it may be so far off as the pose of a robot that is lost.
+        """
+        truth = self.truth
+        if truth is None or self.mapped:
+            return None if truth is None else (truth, 0.0, 0.0)
+        if self._pair is None:
+            return None
+        pose, there = self._pair
+        way = relative((there.x, there.y, there.theta), (truth.x, truth.y, truth.theta))
+        x, y, theta = compose((pose.x, pose.y, pose.theta), way)
+        far, turned = dist((pose.x, pose.y), (x, y)), SIGMAS * pose.heading_deviation
+        off = SIGMAS * pose.deviation + far * turned
+        return None if off > LOST_M else (replace(truth, x=x, y=y, theta=theta), off, turned)
 
     @property
     def driving(self) -> bool:
@@ -265,6 +321,14 @@ class Scene:
             return False
         reach, half = about.front + ROOM_M, about.half_width + ROOM_M
         return any(-about.rear < p.x < reach and abs(p.y) < half for p in seen.points)
+
+
+def _apart(one: Pose, other: Pose) -> bool:
+    """Whether two poses of about the same moment differ by more than both may be off."""
+    may_m = APART_M + SIGMAS * (one.deviation + other.deviation)
+    may_rad = APART_RAD + SIGMAS * (one.heading_deviation + other.heading_deviation)
+    turned = abs(wrap(one.theta - other.theta))
+    return dist((one.x, one.y), (other.x, other.y)) > may_m or turned > may_rad
 
 
 def _unsure(pose: Pose) -> bool:

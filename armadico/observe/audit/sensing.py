@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from math import cos, dist, inf, isfinite, sin
 from statistics import median
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from armadico.mobile.motion import clearances
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.scans import Floats, bearings_of, points_of, ranges_of
 from armadico.mobile.swept_path import Outline
-from armadico.observe.audit.chart import Chart
+from armadico.observe.audit.chart import Chart, Sight
 from armadico.observe.audit.poses import CERTAIN_M, POSES
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import AGAIN_S, Rule
@@ -266,16 +266,43 @@ def _off_map(
 ) -> list[tuple[float, bool]]:
     """How far readings are off the map's walls, m, at best, and whether they are behind one."""
     found = []
-    for x, y, bearing, far in rays:
-        from_x, from_y, theta = compose((at.x, at.y, at.theta), (x, y, bearing))
-        angles = theta + cone * (BEAM if cone else BEAM[:1])
-        ends = np.column_stack((from_x + far * np.cos(angles), from_y + far * np.sin(angles)))
-        sights = [chart.ahead(from_x, from_y, float(angle)) for angle in angles]
-        wall = min((sight.far for sight in sights if sight is not None), default=inf)
-        off = float(chart.off(ends).min())
+    for ray in rays:
+        met = compared(ray, cone, at, chart)
         # A cone is wide: its edge may meet another wall, and a wall was to be heard before.
-        found.append((far - wall if cone and far > wall else off, far > wall))
+        found.append((met.behind if cone and met.behind > 0.0 else met.off, met.behind > 0.0))
     return found
+
+
+class Met(NamedTuple):
+    """A reading by the map.
+
+    Attributes:
+        off: The distance of its end from the nearest wall, m, at best of a cone; inf without walls.
+        nearest: That wall's number.
+        first: The first wall in its way; None: there is none.
+        behind: How far behind that its end is, m; negative: before it.
+    """
+
+    off: float
+    nearest: int
+    first: Sight | None
+    behind: float
+
+
+def compared(
+    ray: tuple[float, float, float, float], cone: float, at: Pose | Truth, chart: Chart
+) -> Met:
+    """What a reading (see `rays_of`) of a cone, rad, meets on the map; 0 rad: of a laser."""
+    x, y, bearing, far = ray
+    from_x, from_y, theta = compose((at.x, at.y, at.theta), (x, y, bearing))
+    angles = theta + cone * (BEAM if cone else BEAM[:1])
+    ends = np.column_stack((from_x + far * np.cos(angles), from_y + far * np.sin(angles)))
+    sights = [chart.ahead(from_x, from_y, float(angle)) for angle in angles]
+    first = min((sight for sight in sights if sight is not None), default=None)
+    offs = chart.off(ends)
+    best = int(offs.argmin())
+    nearest = chart.nearest(ends[best : best + 1])[0]
+    return Met(float(offs[best]), nearest, first, -inf if first is None else far - first.far)
 
 
 class Sees(_Mapped):

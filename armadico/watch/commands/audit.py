@@ -6,7 +6,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -59,6 +59,10 @@ class Options:
         metavar="MAP",
     )
     json: bool = flag("print one JSON object")
+    accept_unknown: bool = options.accept_option(
+        "promises that were not checked, as of a real robot, whose true pose is not known; not if"
+        " nothing was kept, or something was not read"
+    )
     mesh: options.Recorded = group(options.Recorded, "the mesh")
 
 
@@ -85,7 +89,7 @@ def run(args: Options) -> int:
             _recorded(args, args.file, audit)
     except options.BROKEN as error:  # its exit code would be that of a broken promise
         audit.unread.append(str(error))
-    return audit.conclude()
+    return audit.conclude(accept_unknown=args.accept_unknown)
 
 
 def _name(promise: Promise) -> str:
@@ -150,7 +154,7 @@ class _Audit:
                 print(options.shown(f"{finding.at:8.2f} s  {_words(finding)}"), flush=True)
         self._printed = len(found)
 
-    def conclude(self) -> int:
+    def conclude(self, *, accept_unknown: bool) -> int:
         """Print the verdict on each promise; return the exit code."""
         from armadico.core.mechanisms import deciding
         from armadico.core.messages import BALLOTS
@@ -162,13 +166,17 @@ class _Audit:
                 " arbiter, if it has one"
             )
         self.unread += self.auditor.doubts
-        verdicts = _by_promise(self.auditor.report(next(iter(self.unread), "")))
+        report = self.auditor.report(next(iter(self.unread), ""))
+        verdicts = _by_promise(report)
         tested = [each for each in verdicts if each.occasion]
         judged = [Judgement(each.answer, each.text) for each in tested]
         if not tested:
             self.unread.append("there was no occasion to break any of these promises")
         judged += [Judgement(Answer.UNKNOWN, why) for why in self.unread]
         verdict = all_of(judged)
+        kept = any(each.answer is Answer.YES for each in report) and not self.unread
+        accepted = accept_unknown and kept and verdict.answer is Answer.UNKNOWN
+        code = 0 if accepted else verdict.exit_code
         if not self._loud:
             import msgspec
 
@@ -180,7 +188,7 @@ class _Audit:
                 "notes": self.notes,
             }
             print(json.dumps(msgspec.to_builtins(found), indent=2))
-            return verdict.exit_code
+            return code
         for each in verdicts:
             counted = sum(
                 one.answer is each.answer and one.promise is each.promise
@@ -201,10 +209,12 @@ class _Audit:
         without = len(verdicts) - len(tested)
         sums = [*words, (NO_OCCASION, without)]
         print(f"\n{', '.join(f'{word} {count}' for word, count in sums)}")
-        return verdict.exit_code
+        return code
 
 
 _WORDS: Final = {Answer.NO: "broken", Answer.YES: "kept", Answer.UNKNOWN: "not checked"}
+
+NOT_CHECKED, AS_FAR = "not checked: ", "kept as far as was judged: "
 
 NO_OCCASION: Final = "no occasion"
 """Nothing happened that could break it: no mission failed, nothing was near."""
@@ -228,10 +238,16 @@ def _plain(finding: Finding) -> dict[str, object]:
 
 
 def _by_promise(verdicts: list[Finding]) -> list[Finding]:
-    """One verdict for each promise: of several rules, the worst; those without an occasion last."""
+    """One verdict for each promise: of several rules, the worst; those without an occasion last.
+
+    What was not checked by one rule, and kept by another, is kept as far as was judged.
+    """
     found: dict[Promise, Finding] = {}
+    kept = {each.promise for each in verdicts if each.answer is Answer.YES}
     for each in sorted(verdicts, key=_rank):
-        found.setdefault(each.promise, each)
+        partly = each.promise in kept and each.what.startswith(NOT_CHECKED)
+        what = AS_FAR + each.what.removeprefix(NOT_CHECKED) if partly else each.what
+        found.setdefault(each.promise, replace(each, what=what))
     order = list(_WORDS)
     return sorted(found.values(), key=lambda each: (not each.occasion, order.index(each.answer)))
 

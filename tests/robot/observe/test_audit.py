@@ -35,6 +35,7 @@ from armadico.mobile.messages import (
     ByHand,
     Correction,
     Echo,
+    InitialPose,
     Leading,
     MissionState,
     MissionStatus,
@@ -47,10 +48,14 @@ from armadico.mobile.messages import (
 )
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.scans import packed
+from armadico.observe.audit import missions
 from armadico.observe.audit.auditor import RULES, Auditor, watched
 from armadico.observe.audit.coordination import OneDriver
 from armadico.observe.audit.driving import Honest
+from armadico.observe.audit.live import Live
+from armadico.observe.audit.missions import Reached
 from armadico.observe.audit.paths import Leads
+from armadico.observe.audit.poses import Claims
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import Rule
 from armadico.observe.audit.sensing import Fits, Sees
@@ -105,9 +110,12 @@ class Drive:
     theta: float = 0.0
     way: tuple[Waypoint, ...] = ()
     path: Trajectory | None = None
+    mapped: bool = True
+    revision: int = 0
     said: list[tuple[float, Message]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
+        self.auditor.scene.mapped = self.mapped
         self.say(ROBOT)
         self.begin()
 
@@ -164,7 +172,7 @@ class Drive:
                 touch=self.touch,
             ),
             Ack("wheels", cycle, ballot, by, cycle if by else None, 0.6, False, (self.v, 0.0)),
-            Pose(cycle, self.x + self.off, 0, 0, self.covariance),
+            Pose(cycle, self.x + self.off, 0, 0, self.covariance, self.revision),
             Obstacles(cycle, None, None, None, None, self.points(self.ahead)),
             *self.says(self),
         )
@@ -941,40 +949,67 @@ def test_without_a_truth_reached_is_judged_by_the_pose() -> None:
     assert [each.answer for each in reached(0.5, ROUGH, "unsure")] == [Answer.NO]
 
 
+def at_a_corner(by: str) -> list[tuple[float, Message]]:
+    """At the goal (5, 0) the readings show walls 1 m ahead and 1 m on the left."""
+    said: list[tuple[float, Message]] = [
+        (0.0, replace(ROBOT, cone=0.3)),
+        (0.0, Trajectory(1, 1, (Waypoint(5.0, 0.0, 0.0),))),
+    ]
+    for number in range(1, 11):
+        cycle, at = Cycle(1, number), number / 10.0
+        said.append((at, Pose(cycle, 5.0, 0.0, 0.0, SURE)))
+        if by == "sonar":
+            echoes = tuple(Echo(0.0, 0.0, bearing, 1.0) for bearing in (0.0, pi / 2.0))
+            said.append((at, Sonar(cycle, 3.0, echoes)))
+        else:
+            ranges = packed(np.array([1.0]), 0.1, 8.0)
+            said += [
+                (at, Scan(cycle, 0.0, 0.0, bearing, 1.0, 8.0, ranges, number))
+                for bearing in (0.0, pi / 2.0)
+            ]
+    return [*said, (1.1, MissionStatus(1, MissionState.REACHED, 0.0))]
+
+
+AHEAD, ON_THE_LEFT = (6.0, -1.0, 6.0, 1.0), (4.0, 1.0, 6.0, 1.0)
+
+
 @pytest.mark.parametrize("by", ["sonar", "laser"])
 @pytest.mark.parametrize(
-    ("x", "y", "unknown"),
+    ("walls", "unknown"),
     [
-        (6.0, 1.0, ""),
-        (6.05, 0.95, ""),
-        (6.3, 1.0, "along 0 degrees"),  # a localization whose map is shifted
-        (6.0, 1.3, "along 90 degrees"),
-        (6.0, inf, "along 90 degrees"),  # a single wall shows no place along it
+        ((AHEAD, ON_THE_LEFT), ""),
+        (((6.05, -1.0, 6.05, 0.95), (4.0, 0.95, 6.0, 0.95)), ""),
+        # A localization whose map is shifted.
+        (((6.3, -1.0, 6.3, 1.0), ON_THE_LEFT), "along 0 degrees"),
+        ((AHEAD, (4.0, 1.3, 6.0, 1.3)), "along 90 degrees"),
+        # A single wall shows no place along it.
+        ((AHEAD,), "along 90 degrees"),
+        (((4.0, 1.0, 6.0, 1.0 - 1e-15),), "along 0 degrees"),
+        # Nothing reads a wall through another.
+        ((AHEAD, ON_THE_LEFT, (5.5, -1.0, 5.5, 1.0)), "along 0 degrees"),
     ],
 )
 def test_without_a_truth_readings_show_whether_the_place_of_a_goal_is_known(
-    x: float, y: float, unknown: str, by: str
+    walls: tuple[tuple[float, float, float, float], ...], unknown: str, by: str
 ) -> None:
-    """At the goal the readings show walls 1 m ahead and 1 m on the left."""
-    auditor = Auditor([rule for rule in RULES if rule.promise is Promise.REACHED])
-    ahead, left = (x, -1.0, x, 1.0), (4.0, y, 6.0, y)
-    auditor.chart([ahead] if y == inf else [ahead, left])
-    auditor.update(0.0, "", replace(ROBOT, cone=0.3))
-    auditor.update(0.0, "", Trajectory(1, 1, (Waypoint(5.0, 0.0, 0.0),)))
-    for number in range(1, 11):
-        cycle, at = Cycle(1, number), number / 10.0
-        auditor.update(at, "", Pose(cycle, 5.0, 0.0, 0.0, SURE))
-        if by == "sonar":
-            echoes = tuple(Echo(0.0, 0.0, bearing, 1.0) for bearing in (0.0, pi / 2.0))
-            auditor.update(at, "", Sonar(cycle, 3.0, echoes))
-        else:
-            ranges = packed(np.array([1.0]), 0.1, 8.0)
-            for bearing in (0.0, pi / 2.0):
-                scan = Scan(cycle, 0.0, 0.0, bearing, 1.0, 8.0, ranges, number)
-                auditor.update(at, "", scan)
-    found = auditor.update(1.1, "", MissionStatus(1, MissionState.REACHED, 0.0))
+    auditor = Auditor([Reached])
+    auditor.chart(walls)
+    found = [each for at, said in at_a_corner(by) for each in auditor.update(at, "", said)]
     assert [each.answer for each in found] == ([Answer.UNKNOWN] if unknown else [])
     assert all(unknown in each.what for each in found)
+
+
+def test_a_monitor_that_keeps_no_unknown_does_not_look_for_a_proof(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(missions, "unproven", lambda _: pytest.fail("it takes long"))
+    auditor = Auditor([Reached])
+    auditor.chart([AHEAD])
+    live = Live(auditor)
+    live.begin()
+    for at, said in at_a_corner("laser"):
+        live.update(at, said)
+    assert live.broken(1.1) == ()
 
 
 @pytest.mark.parametrize(
@@ -994,6 +1029,53 @@ def test_a_pose_that_is_off_the_truth_beyond_its_covariance_is_not_kept(
     assert Promise.POSE not in [promise for promise, _ in drive.found], "for some seconds"
     drive.go(4)
     assert ((Promise.POSE, "localization") in drive.found) is broken
+
+
+def test_with_a_truth_a_goal_is_reached_without_readings() -> None:
+    drive = Drive(Auditor([Reached]))
+    drive.say(replace(ROBOT, sensors=("laser",)))
+    drive.go(12.3)
+    drive.begin(0.0)
+    drive.end(MissionState.REACHED)
+    (found,) = drive.auditor.report()
+    assert found.answer is Answer.YES
+
+
+def test_without_a_map_poses_are_compared_with_the_truth_since_the_first_rest() -> None:
+    """The simulator's frame is 3 m beside the poses'."""
+
+    def driven(rule: type[Rule], then: float, rests_s: float = 1.0) -> tuple[Answer, str]:
+        """It rests, drives, its pose goes off by `then`, and it reports that it is at its goal."""
+        exact = tuple(each / 100.0 for each in SURE)
+        drive = Drive(Auditor([rule]), mapped=False, off=3.0, covariance=exact)
+        drive.go(rests_s, **STANDS_STILL).go(6, v=0.75, ordered=0.75)
+        drive.go(6, off=then)
+        drive.begin(then)
+        drive.end(MissionState.REACHED)
+        (found,) = drive.auditor.report()
+        return found.answer, found.what
+
+    for rule in (Claims, Reached):
+        assert driven(rule, 3.0)[0] is Answer.YES
+        assert driven(rule, 4.0)[0] is Answer.NO
+        assert driven(rule, 3.0, rests_s=0.0)[0] is Answer.UNKNOWN
+    assert "frames" in driven(Claims, 3.0, rests_s=0.0)[1]
+
+
+def test_a_pose_that_is_set_anew_without_a_map_is_in_another_frame() -> None:
+    """Such as by a SLAM that has found its place on a saved map, or by a person."""
+
+    def verdict(revision: int, *said: Message) -> Finding:
+        drive = Drive(Auditor([Claims]), mapped=False, off=3.0).go(1, **STANDS_STILL)
+        drive.go(3, v=0.75, ordered=0.75)
+        drive.say(*said)
+        drive.go(8, off=7.0, revision=revision)
+        return drive.auditor.report()[0]
+
+    assert verdict(0).answer is Answer.NO
+    for found in (verdict(1), verdict(0, InitialPose(9.0, 0.0, 0.0))):
+        assert found.answer is Answer.UNKNOWN
+        assert "frames" in found.what
 
 
 def test_the_truth_of_another_robots_simulator_counts_nothing() -> None:
