@@ -209,6 +209,8 @@ LASER = {
 def test_a_distance_from_people_that_sonars_cannot_tell_is_warned_of(
     limit: str, scenario: dict[str, Any], warned: int, tmp_path: Path
 ) -> None:
+    if scenario:
+        pytest.importorskip("armadico.bridge.ros2")
     house = House(f"[default]\n[clients.mine]\n{limit}\n", tmp_path, **scenario).let_pass(5.0)
     assert sum(BY_SONARS in log.text for log in house.of(Log)) == warned
 
