@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import json
+from importlib.util import find_spec
 
 import pytest
 
 from armadico.cli.run import main
 
-ALONE = ("run", "sc1", "--virtual", "--sensors", "ideal", "--no-plot", "--coordination", "auction")
+PLAIN = (
+    "--virtual",
+    "--sensors",
+    "ideal",
+    *(("--no-plot",) if find_spec("armadico.watch") else ()),
+)
+AUCTION = (*PLAIN, "--coordination", "auction")
 
 
 @pytest.mark.parametrize("more", [(), ("--redundant",)])
 def test_an_auction_without_a_rival_says_that_it_decided_nothing(
     more: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = [*ALONE[1:], *more, "--without", "avoid", "--without", "gothrough", "--json"]
+    words = ["sc1", *AUCTION, *more, "--without", "avoid", "--without", "gothrough", "--json"]
     assert main(words) == 0
     found = capsys.readouterr()
     result = json.loads(found.out)
@@ -25,7 +32,7 @@ def test_an_auction_without_a_rival_says_that_it_decided_nothing(
 
 
 def test_an_auction_between_rivals_counts_their_cycles(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["sc4", *ALONE[2:], "--for", "20", "--json"])
+    main(["sc4", *AUCTION, "--for", "20", "--json"])
     result = json.loads(capsys.readouterr().out)
     assert result["contended"] > 0
     assert result["undecided"] == ""
@@ -33,5 +40,5 @@ def test_an_auction_between_rivals_counts_their_cycles(capsys: pytest.CaptureFix
 
 def test_a_mechanism_without_an_arbiter_is_counted_too(capsys: pytest.CaptureFixture[str]) -> None:
     words = ("--coordination", "learned", "--parameters", "learned", "--for", "20", "--json")
-    main(["sc4", *ALONE[2:-2], *words])
+    main(["sc4", *PLAIN, *words])
     assert json.loads(capsys.readouterr().out)["contended"] > 0
