@@ -122,12 +122,8 @@ def _rehearsed(client: Client, each: Approval) -> str:
     errand = {"goal": [*x_y, None]} if x_y else {"mission": _named(each)}
     try:
         answer = found.load()(client.mesh, errand, samples=SAMPLES, within_s=WITHIN_S)
-    except (
-        ConfigError,
-        SocietyError,
-        MeshError,
-    ) as error:  # a person decides nevertheless, and sees all else
-        return f"unknown: {error}"
+    except (ConfigError, SocietyError, MeshError) as error:
+        return f"unknown: {error}"  # a person decides nevertheless, and sees all else
     return f"{answer['answer']}: {answer['says']}"
 
 
