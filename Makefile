@@ -51,7 +51,7 @@ test-long: $(VENV)/.dev  ## the long tests: more seeds, scenarios and orders of 
 	@$(BIN)/python -m tests.real_ros
 	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal --timeout 300 -m long
 
-test-removal: $(VENV)/.dev  ## take each package out of a copy of the tree: the rest must drive and pass its tests
+test-removal: $(VENV)/.dev  ## take packages out of a copy of the tree: the rest must drive and pass its tests
 	$(BIN)/python -m tests.removal -n $(WORKERS)
 
 mutants: $(VENV)/.dev results/mutants.sqlite  ## change what decides in one place at a time, for hours: tests must notice

@@ -1,13 +1,14 @@
 """Take packages out of a copy of the tree: what remains must install, drive and pass its tests.
 
-    python -m tests.removal               all of them, one after the other
-    python -m tests.removal slam fleet    these
-    python -m tests.removal all core      without any of them; the core alone
+    python -m tests.removal                 all of them, and all but one, for each; the core alone
+    python -m tests.removal all only-slam   without any of them; without any but SLAM
+    python -m tests.removal slam            without SLAM: the tests of all others, minutes
 
 A package is its folder, its tests and its entry points, and nothing else is touched. The tests of
 the core and the robot run with all of them taken out at once: they cannot tell one missing package
-from another. With one taken out the tests of the others run. `tests/whole` and the laboratory
-stand above all packages and are taken out, too.
+from another. The tests of a package run with all others taken out: so each runs once without each
+other one, where taking out one after the other runs all tests nine times. `tests/whole` and the
+laboratory stand above all packages and are taken out, too.
 """
 
 from __future__ import annotations
@@ -43,6 +44,8 @@ FOLDERS: Final = {
 }
 """The packages that may go, and their folders."""
 
+ONLY: Final = "only-"
+
 CORE: Final = ("core", "mobile", "mesh", "runtime", "testing")
 """The folders of `armadico` that are the core."""
 
@@ -61,13 +64,14 @@ SOON_S: Final = 60.0
 def main(words: Sequence[str] | None = None) -> int:
     """Take out what is named; return 0 if everything else works."""
     parser = argparse.ArgumentParser(prog="python -m tests.removal", description=__doc__)
-    known = (*FOLDERS, "all", "core")
+    usual = ("core", "all", *(f"{ONLY}{name}" for name in FOLDERS))
+    known = (*usual, *FOLDERS)
     parser.add_argument("what", nargs="*", metavar="WHAT", help=f"of {', '.join(known)}")
     parser.add_argument("-n", "--workers", default="4", help="of pytest (default: 4)")
     args = parser.parse_args(words)
     if wrong := {*args.what} - {*known}:
         parser.error(f"no {min(wrong)!r}; known: {', '.join(known)}")
-    failed = [what for what in args.what or known if not _try(what, args)]
+    failed = [what for what in args.what or usual if not _try(what, args)]
     print(f"failed: {', '.join(failed)}" if failed else "every package can be taken out")
     return bool(failed)
 
@@ -76,7 +80,7 @@ def _try(what: str, args: argparse.Namespace) -> bool:
     with tempfile.TemporaryDirectory(prefix="armadico-") as folder:
         copy = Path(folder, "armadico")
         _copy(copy)
-        gone = tuple(FOLDERS) if what in ("all", "core") else (what,)
+        gone = _gone(what)
         for package in gone:
             remove(copy, package)
         shutil.rmtree(copy / "tests" / "whole")
@@ -90,15 +94,19 @@ def _try(what: str, args: argparse.Namespace) -> bool:
         python = _installed(copy, Path(folder, "venv"))
         steps = _core_steps(python) if what == "core" else _steps(python, gone, args.workers)
         for name, command, within in steps:
-            if not _step(
-                f"without {what}: {name}" if what != "core" else f"core: {name}",
-                command,
-                copy,
-                env,
-                within,
-            ):
+            if not _step(f"{_label(what)}: {name}", command, copy, env, within):
                 return False
         return what == "core" or _live(python, copy, env, what)
+
+
+def _gone(what: str) -> tuple[str, ...]:
+    if what in FOLDERS:
+        return (what,)
+    return tuple(name for name in FOLDERS if what != f"{ONLY}{name}")
+
+
+def _label(what: str) -> str:
+    return f"without {what}" if what in (*FOLDERS, "all") else what.replace("-", " ")
 
 
 def _copy(copy: Path) -> None:
@@ -168,7 +176,7 @@ Step = tuple[str, list[str], float]
 def _steps(python: Path, gone: Sequence[str], workers: str) -> Iterator[Step]:
     program = str(python.with_name("armadico"))
     yield "run sc4 --virtual", [program, "run", "sc4", "--virtual", "--seed", "1"], SOON_S
-    tests = [name for name in FOLDERS if name not in gone] if len(gone) == 1 else ["core", "robot"]
+    tests = [name for name in FOLDERS if name not in gone] or ["core", "robot"]
     where = [f"tests/{name}" for name in tests]
     pytest = [str(python), "-m", "pytest", "-q", "-n", workers, "-m", "not long", *where]
     yield f"the tests of {', '.join(tests)}", pytest, 1800.0
@@ -202,7 +210,7 @@ def _live(python: Path, copy: Path, env: Mapping[str, str], what: str) -> bool:
             ("down", [program, "down"]),
         )
         for name, command in checks:
-            if not _step(f"without {what}: {name}", command, copy, env, SOON_S):
+            if not _step(f"{_label(what)}: {name}", command, copy, env, SOON_S):
                 return False
         return up.wait(SOON_S) in (0, 130, 143)
 
