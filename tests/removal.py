@@ -96,7 +96,7 @@ def _try(what: str, args: argparse.Namespace) -> bool:
         for name, command, within in steps:
             if not _step(f"{_label(what)}: {name}", command, copy, env, within):
                 return False
-        return what == "core" or _live(python, copy, env, what)
+        return what not in (*FOLDERS, "all") or _live(python, copy, env, what)
 
 
 def _gone(what: str) -> tuple[str, ...]:
