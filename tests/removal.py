@@ -58,7 +58,7 @@ assert society.holders() == ["keen"], society.holders()
 """
 """Two agents of one's own that compete on the virtual mesh, of nothing but the core."""
 
-SOON_S: Final = 60.0
+SOON_S: Final = 300.0
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -190,9 +190,13 @@ def _step(
     name: str, command: Sequence[str], copy: Path, env: Mapping[str, str], within: float
 ) -> bool:
     began = time.monotonic()
-    done = subprocess.run(
-        command, cwd=copy, env=env, text=True, capture_output=True, timeout=within, check=False
-    )
+    try:
+        done = subprocess.run(
+            command, cwd=copy, env=env, text=True, capture_output=True, timeout=within, check=False
+        )
+    except subprocess.TimeoutExpired:
+        print(f"FAILED {within:6.1f} s  {name}: has not ended", flush=True)
+        return False
     took = time.monotonic() - began
     print(f"{'ok' if done.returncode == 0 else 'FAILED':6} {took:6.1f} s  {name}", flush=True)
     if done.returncode:
