@@ -11,12 +11,9 @@ import pytest
 from armadico.core.agent import Agent
 from armadico.core.coordination import (
     COMPARISONS,
-    TRANSITIONS,
     Contender,
-    Event,
     Owner,
     State,
-    Step,
     Verdict,
     beats,
     braked,
@@ -240,15 +237,6 @@ def test_an_absurd_term_is_refused() -> None:
     society.run(1.0)
     assert set(society.obeyed_names()) == {"a"}
     assert Verdict.IMPLAUSIBLE in {v for _, _, v in society.owner.refused}
-
-
-def test_every_transition_leads_somewhere_else() -> None:
-    for (state, _event), (target, _step) in TRANSITIONS.items():
-        assert state is not target
-    reachable = {target for target, _ in TRANSITIONS.values()}
-    assert reachable == set(State)
-    assert {event for _, event in TRANSITIONS} == set(Event)
-    assert {step for _, step in TRANSITIONS.values()} == set(Step)
 
 
 def test_beats_is_by_margin_or_by_being_critical() -> None:
