@@ -13,7 +13,6 @@ import pytest
 from msgspec import Struct
 from msgspec.structs import replace
 
-from armadico.cli import pool
 from armadico.cli.options import FailedError, UsageError
 from armadico.config.loading import read_text
 from armadico.config.scenarios import load_scenario
@@ -29,7 +28,6 @@ from armadico_tools.experiments.driving import (
     Kill,
     Sample,
     drive,
-    key_of,
     scenario_of,
 )
 from armadico_tools.experiments.floor_plans import (
@@ -137,14 +135,6 @@ def test_interrupted_what_was_found_is_kept_and_not_made_again(tmp_path: Path) -
     assert SQUARED[6:] == [3]
 
 
-def test_a_run_depends_on_its_cell() -> None:
-    keys = {key_of(SC1), key_of(FAST)}
-    keys.add(key_of(Cell(SC1.name, "sc2", without=SC1.without)))
-    keys.add(key_of(Cell(SC1.name, "sc1", parameters="thesis", without=SC1.without)))
-    assert len(keys) == 4
-    assert key_of(SC1) == key_of(SC1)
-
-
 def test_a_part_knows_what_the_parts_before_it_have_found(tmp_path: Path) -> None:
     SQUARED[:] = [0] * 3  # so that it ends nowhere
     experiment = Experiment(
@@ -193,13 +183,6 @@ def test_a_folder_in_which_another_process_runs_is_named_and_left_alone(tmp_path
             second.claim("table-5.1")
     second.claim("table-5.1")
     second.close()
-
-
-def test_results_come_in_the_order_of_the_items() -> None:
-    finished: list[int] = []
-    found = pool.over(abs, [-3, 2, -1], 2, "abs", lambda item, _: finished.append(item))
-    assert found == [3, 2, 1]
-    assert sorted(finished) == [-3, -1, 2]
 
 
 # Results of a run ---------------------------------------------------------------------------------
@@ -307,13 +290,6 @@ def test_the_price_of_the_gate_is_that_of_pairs_that_arrived(tmp_path: Path) -> 
     rows = experiment.report(here).splitlines()[2:]
     assert len(rows) == 6
     assert all(row.endswith("| 3 | 2 | 3 | 0 | 1 | 2 | 3.0 [3.0, 3.0] |") for row in rows)
-
-
-@pytest.mark.parametrize(("gap", "through"), [(0.50, False), (0.70, True)])
-def test_the_flood_knows_a_gap_that_is_too_narrow(gap: float, through: bool) -> None:
-    box = ((0.0, 0.0, 6.0, 0.0), (6.0, 0.0, 6.0, 4.0), (6.0, 4.0, 0.0, 4.0), (0.0, 4.0, 0.0, 0.0))
-    wall = ((3.0, 0.0, 3.0, 2.0 - gap / 2), (3.0, 2.0 + gap / 2, 3.0, 4.0))
-    assert passable(box + wall, (1.0, 1.0, 0.0), (5.0, 3.0, 0.0)) is through
 
 
 # Numbers ------------------------------------------------------------------------------------------
