@@ -44,7 +44,7 @@ def test_shut_in_all_round_there_is_no_open_heading() -> None:
     assert open_heading(ring, 0.0, HALF, REACH, side=1.0) is None
 
 
-@settings(max_examples=200)
+@settings(max_examples=80)
 @given(worlds, angles, st.sampled_from([0.0, 1.0, -1.0]))
 def test_what_is_found_is_open_and_nothing_nearer_is(
     points: list[Point], wanted: float, side: float
