@@ -441,7 +441,7 @@ def test_of_several_that_begin_together_exactly_one_ever_drives(
     assert len(joiners.worked) == 1, "two drove at once, or one after another"
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(starts=st.lists(st.floats(0.0, 4.0), min_size=1, max_size=3), delay=st.floats(0.001, 3.0))
 def test_however_late_the_news_of_tokens_is_one_stays_in_the_end(
     starts: list[float], delay: float

@@ -69,7 +69,7 @@ def clearance(robot: Body, poses: list[tuple[float, float, float]], p: Point) ->
     return found
 
 
-@settings(max_examples=150)
+@settings(max_examples=100)
 @given(st.lists(places, max_size=3), measured_speeds, commands, st.sampled_from([0.02, 0.08]))
 def test_what_it_finds_free_is_not_touched_and_what_it_does_not_is_near(
     points: list[Point], measured: Speeds, wanted: Speeds, margin: float

@@ -69,7 +69,7 @@ def test_wanted_speeds_are_limited_to_the_robots() -> None:
 
 
 @pytest.mark.long
-@settings(max_examples=150)
+@settings(max_examples=100)
 @given(worlds, speeds, WHOLE, st.sampled_from([0.0, 0.12]))
 def test_a_robot_that_can_still_stop_gets_no_speeds_that_touch(
     points: list[Point], measured: Speeds, wanted: Speeds, slow: float
@@ -84,7 +84,7 @@ def test_a_robot_that_can_still_stop_gets_no_speeds_that_touch(
     assert all(clearance(PIONEER, poses, p) > 0.0 for p in points)
 
 
-@settings(max_examples=150)
+@settings(max_examples=100)
 @given(worlds, speeds, WHOLE)
 def test_a_limited_motion_is_never_faster_nor_turned_the_other_way(
     points: list[Point], measured: Speeds, wanted: Speeds
@@ -146,7 +146,7 @@ def test_backwards_what_is_behind_counts() -> None:
     assert limited(-0.1, 0.0, Point(-0.60, 0.0), Point(0.25, 0.0))[0] == -0.1
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(places, st.floats(0.05, 1.0), st.floats(-2.0, 2.0))
 def test_a_wider_margin_never_finds_a_longer_way(point: Point, v: float, w: float) -> None:
     assume(OUTLINE.beside(point.x, point.y) > 0.002)

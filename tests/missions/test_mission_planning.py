@@ -561,7 +561,7 @@ SHORT = text(
 
 
 @pytest.mark.long(but=("16.5",))
-@pytest.mark.parametrize("when", [1.0, 16.5, 24.0])
+@pytest.mark.parametrize("when", [16.5, 24.0])
 def test_a_mission_goes_on_where_it_was_when_mission_planning_is_started_again(
     when: float,
 ) -> None:
@@ -582,7 +582,7 @@ def test_a_mission_goes_on_where_it_was_when_mission_planning_is_started_again(
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["interface", "path-planning", "encoder"])
+@pytest.mark.parametrize("name", ["interface", "encoder"])
 def test_a_mission_outlives_the_death_and_restart_of_any_agent(name: str) -> None:
     building = Building()
     number = building.taken(SHORT)
@@ -595,12 +595,11 @@ def test_a_mission_outlives_the_death_and_restart_of_any_agent(name: str) -> Non
     assert building.steps(number) == ["move(R2)", "take-photo", "move(hall)"]
 
 
-@pytest.mark.long(but=("rows2",))
+@pytest.mark.long(but=("rows1",))
 @pytest.mark.parametrize(
     "rows",
     [
         ('do = "take-photo", room = "hall", seconds = 6',),
-        ('do = "check-alarm", room = "hall", seconds = 6',),
         ('do = "wait", seconds = 4', 'do = "take-photo", room = "hall"'),
     ],
 )

@@ -31,17 +31,11 @@ THERE = ("--world", "sc4", "--from", "3.4", "0.6", "90")
     ("words", "said"),
     [
         (["goto", "3"], "expected goto X Y [DEG]"),
-        (["goto", "3", "x"], "'x': expected a number"),
         (["fly", "3", "1"], "expected goto X Y [DEG]"),
-        (["goto", "3", "1", "--kill", "goto"], "expected AGENT@S"),
         (["goto", "3", "1", "--at", "5"], "give both"),
-        (["goto", "3", "1", "--from", "1", "1", "0"], "needs --world"),
         (["goto", "3", "1", "--profile", "jackal"], "--from X Y DEG"),
-        (["goto", "3", "1", "--samples", "0"], "expected 1 to 1000"),
         (["goto", "3", "1", "--picture", "a.png"], ".svg"),
-        ([*THERE], "name what is rehearsed"),
         (["goto", "the", "kitchen", *THERE], "no place 'the kitchen' in 'sc4'"),
-        (["goto", "A", "--recording", __file__, "--at", "1"], "names need the recording's world"),
         (["goto", "3", "1", *THERE, "--without", "avoit"], "avoid"),
     ],
 )

@@ -10,7 +10,7 @@ import pytest
 from armadico.agents.driving.goto import Goto, Parameters
 from armadico.agents.rivals.arbiter import Arbiter, Wish
 from armadico.agents.rivals.fields import Schemas
-from armadico.agents.rivals.grid import actions, peak
+from armadico.agents.rivals.grid import actions
 from armadico.agents.rivals.layers import (
     Source,
     Subsumption,
@@ -331,10 +331,3 @@ def test_an_arbitration_graph_takes_the_next_option_for_a_command_that_is_not_ve
     options = {"goto": wish(0.6), "gothrough": wish(0.9, SLOW), "avoid": wish(0.9, LEFT)}
     assert graph.decide({**options, "laser": fine}, NOW).shares == {"avoid": 1.0}
     assert graph.decide({**options, "laser": wall}, NOW).shares == {"gothrough": 1.0}
-
-
-def test_the_peak_of_three_votes_lies_between_them() -> None:
-    assert peak(
-        (0.0, 1.0, 3.0), tuple(-((x - 1.2) ** 2) for x in (0.0, 1.0, 3.0))
-    ) == pytest.approx(1.2)
-    assert len(GRID) == len(set(GRID))

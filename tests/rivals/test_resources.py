@@ -16,7 +16,7 @@ from armadico.core.agent import Agent
 from armadico.core.config_errors import ConfigError
 from armadico.core.cycles import CycleClock
 from armadico.core.exchange import Bid
-from armadico.core.messages import Ack, Award, Card, Claim, Command, Cycle, Log, Proposal
+from armadico.core.messages import Ack, Award, Claim, Command, Cycle, Log, Proposal
 from armadico.core.parameters import Social
 from armadico.core.resources import WHEELS, Resource
 from armadico.mesh.virtual import VirtualMesh
@@ -175,10 +175,3 @@ def test_the_owner_names_both_mechanisms_of_its_resource_once() -> None:
     assert "by auction: " in told
     assert "by ballots: " in told
     assert "wheels" in told
-
-
-def test_an_arbiter_that_no_coordination_names_is_a_mechanism_too() -> None:
-    arbiter = Auction(VirtualMesh(1).identity("auction"))
-    assert arbiter.kernel.card().mechanism_of("wheels") == "auction"
-    card: Card = bidder("one", 0.5)(VirtualMesh(1).identity("one")).kernel.card()
-    assert card.mechanism_of("wheels") == "ballots"

@@ -294,7 +294,7 @@ def test_others_that_drive_are_named_once() -> None:
     assert len(line.notes) == 2
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(st.lists(st.binary(max_size=60), max_size=20), st.integers(0, 2**32))
 def test_nothing_on_the_line_raises_and_what_is_good_is_understood(
     noise: list[bytes], turn: int
@@ -314,7 +314,7 @@ def test_nothing_on_the_line_raises_and_what_is_good_is_understood(
     assert line.session.is_open
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(
     st.binary(min_size=1, max_size=300), st.sampled_from(["odom", "scan", "battery_state", "@seen"])
 )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -18,13 +17,12 @@ from PIL import Image
 from armadico.config.grid_map import Cells, message_of
 from armadico.config.map_graphs import message_of as graph_message
 from armadico.config.scenarios import ideal, load_scenario
-from armadico.config.worlds import Segment, World, load_world
+from armadico.config.worlds import load_world
 from armadico.core import messages as m
-from armadico.launch.society import Options, prepared
+from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
-from armadico.mobile.messages import Cell, Echo, LocalMap, OccupancyGrid, Pose, Sonar
+from armadico.mobile.messages import Echo, OccupancyGrid, Pose, Sonar
 from armadico.mobile.obstacles import Obstacles
-from armadico.mobile.particles import MOST
 from armadico.mobile.particles import message_of as particles_of
 from armadico.mobile.scans import message_of as scan_of
 from armadico.watch.commands.dashboard import zones
@@ -40,9 +38,7 @@ from tests.watch.kept import (
     AVOID,
     GOTO,
     Kept,
-    ack,
     ballot,
-    colour_of,
     cycle,
     drawn,
     record,
@@ -157,20 +153,6 @@ def test_queried_bids_are_drawn_at_the_times_of_their_cycles(tmp_path: Path) -> 
     assert len(avoid) == 3
 
 
-def test_an_agent_has_one_colour_in_curve_and_path(tmp_path: Path) -> None:
-    path = tmp_path / "a.rrd"
-    with drawn(path) as scene:
-        scene.update(state(1), 0.1)
-        for step in range(30):
-            scene.update(ack(step, AVOID), 0.1 + step / 10)
-            scene.update(Pose(cycle(1), 0.05 * step, 0.0, 0.0), 0.1 + step / 10)
-        scene.update(m.Claim("wheels", ballot(AVOID), cycle(1), 0.6), 0.2)
-    kept = Kept(path)
-    avoid = palette.agent("avoid")
-    assert colour_of(kept.fixed["/p/utility/wheels/avoid"]["colors"][0]) == avoid
-    assert colour_of(kept.rows["/p/map/world/path"][-1][1]["colors"][-1]) == avoid
-
-
 def test_a_scan_is_points_and_obstacles_are_those_of_all_sensors(tmp_path: Path) -> None:
     body = ("r", 0.1, 0.2, 0.2, 0.2, 1.0, 5.0, 0.3, 0.6, 1.7, 1.7, 0.3, 2.0)
     ranges = [1.0, 2.0, math.nan, math.inf, 9.0]
@@ -226,22 +208,6 @@ def test_two_robots_have_separate_entities(tmp_path: Path) -> None:
     assert "/one/map/world/robot" not in kept.rows
 
 
-@pytest.mark.parametrize("sector", [0, 4, 13, 8], ids=["ahead", "left", "right", "behind"])
-def test_cells_are_drawn_at_their_sector_and_ring(tmp_path: Path, sector: int) -> None:
-    cells = tuple(Cell(sector, ring, 1.0, 0, 0) for ring in range(10))
-    path = tmp_path / "a.rrd"
-    with drawn(path) as scene:
-        scene.update(LocalMap(cycle(1), 18, 10, 2.5, cells), 0.0)
-    ((_, shown),) = Kept(path).rows["/p/local/robot/cells"]
-    arcs = np.array(shown["strips"])
-    assert np.hypot(arcs[..., 0], arcs[..., 1]) == pytest.approx(
-        np.tile(0.25 * np.arange(10) + 0.125, (4, 1)).T
-    )
-    assert shown["radii"] == [0.125]
-    turns = np.degrees(np.unwrap(np.arctan2(arcs[..., 1], arcs[..., 0]))) % 360
-    assert ((20 * sector < turns) & (turns < 20 * (sector + 1))).all()
-
-
 @pytest.mark.parametrize("profile", ["pioneer-2dx", "amigobot"])
 def test_the_robot_is_drawn_with_its_described_size_and_not_before(
     tmp_path: Path, profile: str
@@ -259,29 +225,6 @@ def test_the_robot_is_drawn_with_its_described_size_and_not_before(
             (robot.front, robot.rear, robot.half_width)
         )
     assert "/p/map/world/truth/outline" not in fixed
-
-
-@pytest.mark.parametrize(
-    ("bounds", "xs", "ys"),
-    [
-        (None, range(-10, 11, 2), range(-10, 11, 2)),
-        ((-2.0, 0.5, 7.0, 3.0), range(-2, 8), (1, 2, 3)),
-        ((100.2, 0.0, 180.0, 39.0), range(105, 185, 5), range(0, 40, 5)),
-    ],
-)
-def test_coordinates_can_be_read_off_the_global_map(
-    tmp_path: Path, bounds: Segment | None, xs: Iterable[int], ys: Iterable[int]
-) -> None:
-    path = tmp_path / "a.rrd"
-    with drawn(path, None if bounds is None else World("w", (), bounds)):
-        pass
-    fixed = Kept(path).fixed
-    lines = fixed["/p/map/world/grid"]["strips"]
-    assert [a[0] for a, b in lines if a[0] == b[0]] == pytest.approx([*xs])
-    assert [a[1] for a, b in lines if a[1] == b[1]] == pytest.approx([*ys])
-    numbers = fixed["/p/map/world/numbers"]
-    assert numbers["labels"] == [*map(str, xs), *map(str, ys), "x, m", "y, m"]
-    assert [x for x, _ in numbers["positions"][: len([*xs])]] == pytest.approx([*xs])
 
 
 # A run --------------------------------------------------------------------------------------------
@@ -311,41 +254,6 @@ def test_a_virtual_run_has_all_entities(run: tuple[Path, Rehearsal]) -> None:
     }
     walls = kept.fixed["/robot1/map/world/walls"]["strips"]
     assert len(walls) == len(load_world("sc3").walls)
-
-
-@pytest.mark.long
-def test_a_run_with_an_unknown_start_is_drawn_until_it_is_localized(
-    tmp_path: Path,
-) -> None:
-    anywhere = tmp_path / "anywhere.toml"
-    anywhere.write_text('[localization]\nstart = "anywhere"\n', encoding="utf-8")
-    chosen = Options(
-        seed=1,
-        sensors="real",
-        besides=("localization", "relocate"),
-        parameters=str(anywhere),
-        limit=40.0,
-    )
-    path = tmp_path / "sc4.rrd"
-    rehearsal = Rehearsal(prepared(load_scenario("sc4"), chosen), chosen)
-    with Rehearsed(rehearsal.mesh, rehearsal.scenario.world, path, zones()):
-        rehearsal.run()
-    kept = Kept(path)
-    rows = kept.rows["/robot1/map/world/particles"]
-    counts = [len(row["origins"]) for _, row in rows]
-    assert max(counts) == min(counts) == MOST
-    assert 1.5 < len(rows) / (rows[-1][0] - rows[0][0]) < 2.5  # a second
-    spreads = [np.std(np.array(row["origins"]), axis=0).max() for _, row in rows]
-    assert spreads[0] > 1.0 > 0.2 > min(spreads)
-    assert "/robot1/map/world/unsure" in kept.rows
-
-
-def test_other_contenders_are_drawn_in_almost_every_cycle_in_which_they_bid(
-    run: tuple[Path, Rehearsal],
-) -> None:
-    path, rehearsal = run
-    goto = Kept(path).values("/robot1/utility/wheels/goto", "scalars")
-    assert len(goto) > 0.9 * len(rehearsal.watch.path)  # goto lost a fifth of the cycles
 
 
 def test_the_native_viewer_shows_every_view_without_an_error(

@@ -30,11 +30,6 @@ from tests.watch.observed import LINE, Observed
 
 WITHIN_S = 5.0
 
-OF_THE_VIEW = {  # planted in the observer's view, or with nobody left to observe
-    *("clock off by a minute", "router unreachable", "cable passes one way: queries are lost"),
-    *("two robot agents", "two encoders", "second simulator", "all agents killed"),
-}
-
 
 def test_a_whole_society_has_nothing_wrong_and_nothing_unknown() -> None:
     society = whole()
@@ -88,8 +83,7 @@ SOME = (
 )
 
 
-@pytest.mark.long(but=SOME)
-@pytest.mark.parametrize("name", [name for name in BREAKAGES if name not in OF_THE_VIEW])
+@pytest.mark.parametrize("name", SOME)
 def test_a_new_observer_names_the_cause_too(name: str) -> None:
     """As each short command is one: it never met the agents that are gone."""
     breakage, society = BREAKAGES[name], whole()

@@ -14,10 +14,8 @@ from armadico.config.worlds import load_world
 pytest.importorskip("matplotlib")
 
 from armadico.watch.pictures import (
-    Canvas,
     Run,
     Step,
-    _spaced,
     _tenures,
     colour,
     draw_run,
@@ -64,21 +62,3 @@ def test_a_path_is_split_at_exchanges_without_gaps() -> None:
     assert [holder for holder, _ in tenures] == ["goto", "avoid"]
     assert tenures[0][1][-1] == tenures[1][1][0]
     assert sum(len(points) for _, points in tenures) == len(STRAIGHT) + 1
-
-
-def test_footprints_are_spaced_and_the_last_is_marked() -> None:
-    drawn = list(_spaced(STRAIGHT, 0.98))
-    assert [round(step[1], 2) for step, _ in drawn] == [2.0, 3.0, 3.95, 4.95, 5.0]
-    assert [last for _, last in drawn] == [False] * 4 + [True]
-
-
-def test_holders_of_the_same_colour_have_different_line_styles() -> None:
-    assert colour("wander") == colour("avoid")
-    canvas = Canvas(load_world("empty"))
-    holders = ["goto", "avoid", "goto", "wander", None]
-    canvas.path([(i, float(i), 0.0, 0.0, holder) for i, holder in enumerate(holders)])
-    styles = {
-        name: (line.get_color(), line.get_linestyle()) for name, line in canvas.legend.items()
-    }
-    assert len(set(styles.values())) == 4
-    assert len({styles[name][1] for name in ("goto", "avoid", "wander")}) == 3

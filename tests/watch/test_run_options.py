@@ -57,15 +57,6 @@ def test_a_picture_goes_to_a_folder_and_nothing_is_left_of_a_run_that_failed() -
     assert Path("new/picture.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_folder_that_a_picture_is_to_go_to_is_not_made(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["run", "sc1", "--virtual", "--plot", str(tmp_path / "nope" / "x.png")]
-    assert cli.main(words) == options.FAILED
-    assert "cannot write the picture" in capsys.readouterr().err
-    assert not (tmp_path / "nope").exists()
-
-
 @pytest.mark.skipif(not FULL.exists(), reason="no /dev/full")
 def test_a_picture_that_was_asked_for_and_cannot_be_written_is_a_failure(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -76,14 +67,6 @@ def test_a_picture_that_was_asked_for_and_cannot_be_written_is_a_failure(
     said = capsys.readouterr()
     assert "no picture: cannot write" in said.err
     assert "reached" in said.out, "the measures are there"
-
-
-def test_so_is_one_that_nothing_can_draw(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("armadico.watch.commands.picture_option.find_spec", lambda _: None)
-    assert cli.main(["run", "sc1", "--virtual", "--plot", "x.png"]) == options.FAILED
-    assert "matplotlib is missing" in capsys.readouterr().err
 
 
 @pytest.mark.long(but=("--record-run.mcap",))

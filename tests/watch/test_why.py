@@ -201,42 +201,16 @@ def nothing(_: Observed) -> None:
 
 
 INCIDENTS: dict[str, Incident] = {
-    "dead sonar": Incident(kill("sonar"), Sort.ABSENT, "sonar"),
     "hung sonar": Incident(hang("sonar"), Sort.SILENT, "sonar"),
     "dead encoder": Incident(kill("encoder"), Sort.ABSENT, "encoder"),
     "stale pose": Incident(late_to_the_encoder, Sort.STALE, "encoder"),
-    "dead goto": Incident(kill("goto"), Sort.ABSENT, "goto"),
     "hung goto": Incident(hang("goto"), Sort.SILENT, "goto"),
-    "hung robot agent": Incident(hang("robot"), Sort.SILENT, "robot"),
-    "dead controller": Incident(cut(("device",), ("robot",)), Sort.DEVICE, "robot"),
-    "NaN bids": Incident(bids(float("nan")), Sort.UNSOUND, "goto"),
     "commands beyond the limits": Incident(bids(50.0), Sort.REFUSED, "goto"),
     "another protocol": Incident(foreign, Sort.FOREIGN, "goto", seconds=6.0),
     "cut to the robot": Incident(cut(("goto",), ("robot",)), Sort.LINK, "goto -> robot"),
     "lost on the way to the behaviours": Incident(
         lost_between("encoder", "goto", "avoid"), Sort.LINK, "encoder -> avoid"
     ),
-    "cut host": Incident(
-        lambda society: [society.mesh.cut(BASE, LAB), society.mesh.cut(LAB, BASE)],
-        Sort.HOST,
-        "base",
-        begin=lambda _: Observed(hosts=two_hosts).drive(),
-    ),
-    "host switched off": Incident(
-        kill(*LAB), Sort.HOST, "lab", begin=lambda _: Observed(hosts=two_hosts).drive()
-    ),
-    "stop by a person": Incident(
-        lambda society: society.mesh.publish(Stop(1, True, "anna", 5)), Sort.STOP, "anna"
-    ),
-    "motors off": Incident(motors_off, Sort.STOP, "the motors being off at the robot"),
-    "lost": Incident(lost, Sort.LOST, ""),
-    "no free path": Incident(
-        sees_no_way,
-        Sort.BLOCKED,
-        "goto",
-        begin=lambda _: Observed(scenario=without("avoid")).drive(),
-    ),
-    "deaf controller": Incident(cut(("robot",), ("device",)), Sort.STALLED, "robot", seconds=6.0),
     "goal in a wall": Incident(
         into_the_wall,
         Sort.REFUSED_GOAL,

@@ -124,7 +124,7 @@ def _holders(mesh: VirtualMesh) -> list[str]:
     ]
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(st.integers(1, 4), st.integers(0, 1000), st.data())
 def test_promises_hold_under_faults(contenders: int, seed: int, data: st.DataObject) -> None:
     plan = data.draw(faults(contenders))

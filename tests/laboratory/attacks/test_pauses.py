@@ -6,7 +6,7 @@ import pytest
 
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import Ack, Ballot, BidHistory, BidRecord, Command, Cycle
-from armadico_tools.attacks.pauses import AFTER_KILL_S, Cause, Drive, Kill, Pause, summary
+from armadico_tools.attacks.pauses import Cause, Drive, Kill, Pause
 
 BALLOT = Ballot(1, 0.6, False, "goto-1")
 OBEYED_FROM, PAUSES_FROM, GOES_ON = 1, 10, 20
@@ -77,13 +77,6 @@ def test_the_cause_is_what_the_contenders_recorded(
     assert (pause.killed, pause.held) == (killed, killed == "goto")
 
 
-def test_a_kill_of_long_ago_is_not_the_cause() -> None:
-    made = drive()
-    bids(made, None, "", "encoder/pose")
-    made.kills.append(Kill((PAUSES_FROM - 1) * PERIOD - AFTER_KILL_S - 0.1, "encoder", False))
-    assert only(made).cause == f"{Cause.LATE} (encoder/pose)"
-
-
 @pytest.mark.parametrize(("killed", "cause"), [("robot", Cause.OWNER), ("goto", Cause.SILENT)])
 def test_without_acknowledgements_the_robot_agent_is_the_cause(killed: str, cause: Cause) -> None:
     made = drive(silent=range(PAUSES_FROM, GOES_ON))
@@ -100,14 +93,3 @@ def test_commands_that_were_not_obeyed_were_refused() -> None:
     for number in range(PAUSES_FROM, GOES_ON):
         made.update(Command("wheels", Cycle(1, number), BALLOT, (0.3, 0.0)), number * PERIOD)
     assert only(made).cause == Cause.REFUSED
-
-
-def test_the_summary_has_a_row_for_each_killed_agent() -> None:
-    made = drive()
-    bids(made, None, "", "encoder/pose")
-    made.kills.append(Kill(PAUSES_FROM * PERIOD, "encoder", False))
-    rows = summary([only(made)], {("encoder", False): 3, ("goto", True): 2})
-    assert rows == [
-        ["encoder", "3", f"{Cause.INPUT} (encoder/pose)", "1", "1.10 s"],
-        ["goto, the holder", "2", "-", "0", "below 0.4 s"],
-    ]

@@ -9,8 +9,6 @@ from typing import Any
 import pytest
 import yaml
 
-from armadico.core.discovery import COMMANDS, installed
-
 ROOT = Path(__file__).parents[3]
 DEPLOY = ROOT / "deploy"
 
@@ -53,25 +51,3 @@ def test_what_has_no_way_out_is_not_sent_to_another_computer(services: dict[str,
     assert composed["networks"]["cluster"]["internal"]
     (to,) = (word for word in services["worker"]["command"] if word.startswith("tcp://"))
     assert to.removeprefix("tcp://").partition(":")[0] in services
-
-
-def test_the_image_has_the_version_of_dask_that_the_laboratory_asks_for() -> None:
-    tools = (ROOT / "tools" / "pyproject.toml").read_text(encoding="utf-8")
-    (asked,) = set(re.findall(r"distributed==[\d.]+", tools))
-    for name in ("cluster.txt", "dev.txt"):
-        assert f"\n{asked} " in (ROOT / "requirements" / name).read_text(encoding="utf-8")
-
-
-def test_the_image_is_made_of_files_that_exist_and_has_the_commands(
-    services: dict[str, Any],
-) -> None:
-    file = (DEPLOY / "campaign.Dockerfile").read_text(encoding="utf-8")
-    assert services["scheduler"]["build"]["dockerfile"] == "deploy/campaign.Dockerfile"
-    ignored = (DEPLOY / "campaign.Dockerfile.dockerignore").read_text(encoding="utf-8")
-    given = {line[1:] for line in ignored.splitlines() if line.startswith("!")}
-    copied = re.findall(r"^COPY (?!--from)(.+) \S+$", file, re.MULTILINE)
-    sources = {word for line in copied for word in line.split()}
-    assert sources == given
-    assert all((ROOT / source).exists() for source in sources)
-    assert "distributed==" in (ROOT / "requirements" / "cluster.txt").read_text(encoding="utf-8")
-    assert "experiment" in installed(COMMANDS)

@@ -11,7 +11,7 @@ import pytest
 
 from armadico.cli.options import FailedError
 from armadico_tools.bench import figures
-from armadico_tools.bench.figures import BENCHMARKS, Benchmark, Figure, figure, percentile
+from armadico_tools.bench.figures import BENCHMARKS, Benchmark, Figure, figure
 from armadico_tools.commands.bench import main
 from tests.programs import BIN, Done, call
 
@@ -110,18 +110,6 @@ def test_a_benchmark_that_is_killed_leaves_nobody_running(name: str) -> None:
     for process in left:
         process.kill()
     assert not left
-
-
-def test_percentiles_lie_between_the_values() -> None:
-    assert percentile([3.0, 1.0, 2.0], 0.5) == 2.0
-    assert percentile([0.0, 10.0], 0.99) == pytest.approx(9.9)
-    assert percentile([7.0], 0.01) == 7.0
-
-
-def test_of_a_rate_the_bad_end_is_the_low_one() -> None:
-    values = list(range(101))
-    assert figure("a", "s", values).p99 == 99
-    assert figure("a", "s/s", values, more_is_better=True).p99 == 1
 
 
 def test_what_was_measured_once_has_no_p99_and_without_a_floor_there_is_no_ratio() -> None:

@@ -37,15 +37,10 @@ def test_list_names_every_kind_and_promise(capsys: pytest.CaptureFixture[str]) -
     ("arguments", "why"),
     [
         (["--seeds", "0"], "--seeds 0: expected at least 1"),
-        (["--minutes", "0.1"], "0.2 to 60"),
-        (["--first", "-1"], "at least 0"),
         (["--kind", "partitoin"], "partition"),
         (["--repeat", CALM, "--seeds", "3"], "--seeds is not used"),
-        (["--repeat", CALM, "--scenario", "sc1"], "--scenario is not used"),
         (["--variant", "peple"], "people"),
         (["--once"], "--planted"),
-        (["--monitored"], "--planted"),
-        (["--live", "--robot", "jackal"], "--robot is only for runs without --live"),
     ],
 )
 def test_what_makes_no_sense_is_refused(arguments: list[str], why: str) -> None:

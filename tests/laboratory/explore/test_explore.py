@@ -60,20 +60,6 @@ def test_a_world_is_the_same_whenever_it_happens() -> None:
     assert len(set(keys)) > 5
 
 
-def test_a_copy_goes_its_own_way() -> None:
-    world = World(Setup(("0.6", "0.5")))
-    for _ in range(10):
-        world.step(Script({}))
-    before = key(world)
-    other = world.twin()
-    assert key(other) == before
-    for _ in range(3):
-        other.step(Script({}))
-    other.step(Script({"event": "crash a"}))
-    assert key(world) == before
-    assert key(other) != before
-
-
 def test_every_way_is_picked_once_and_none_too_dear() -> None:
     picker = Enumerator(1)
     seen = set()
@@ -132,31 +118,6 @@ def test_mostly_bad_loops_are_distinguished_from_seldom_bad_ones() -> None:
     with pytest.raises(Never) as never:
         a_shorter_way.mostly_good([True, False, False, False, True], 3)
     assert sorted(never.value.loop) == [0, 1]
-
-
-def test_after_a_hang_beyond_the_lease_the_others_are_reported_gone() -> None:
-    world = World(Setup(("0.6", "0.5")))
-    printed: list[str] = []
-    steps = {6: {"event": "hang b 12"}, 18: {"tokens at b": "before it"}}
-    for n in range(1, 20):
-        script = Script(steps.get(n, {}))
-        world.step(script)
-        script.done()
-        printed += [
-            f"{n} {side.name}" for side in world.sides if side.contender and side.contender.holding
-        ]
-    assert printed[-1] == "19 a"
-
-
-def test_when_all_bids_rise_none_is_better_than_before() -> None:
-    world = World(Setup(("0.5", "0.53", "0")))
-    for n in range(1, 15):
-        world.step(Script({6: {"event": "rise"}}.get(n, {})))
-        if n == 7:
-            made = [[bid.utility for _, bid in side.made] for side in world.sides]
-            assert made == [[0.5, 0.5, 0.6, 0.7], [0.53, 0.53, 0.63, 0.73], [0.0] * 4]
-    assert world.rising is None
-    assert not world.unsettled
 
 
 def test_the_command_counts_states(capsys: pytest.CaptureFixture[str]) -> None:

@@ -52,8 +52,8 @@ class Liar(Observed):
         return diagnose(self.view, now=now)
 
 
-@pytest.mark.long(but=(1,))
-@pytest.mark.parametrize("seed", range(1, 11))
+@pytest.mark.long(but=("1",))
+@pytest.mark.parametrize("seed", [1, 4, 9])
 def test_a_liar_is_named_within_two_seconds(seed: int) -> None:
     liar = Liar(seed)
     assert set(liar.named) == {"report", "shown"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -36,6 +37,7 @@ from armadico_tools.faults.planted import DEFECTS
 from armadico_tools.faults.series import smallest
 from armadico_tools.faults.shrink import AFTER_S
 from armadico_tools.faults.workload import case_of, run, when_broken
+from tests.once import Once
 
 Plant = Callable[[pytest.MonkeyPatch], None]
 BEHAVIOURS = ("goto", "avoid", "gothrough")
@@ -457,7 +459,7 @@ def promises(outcome: Outcome) -> set[str]:
 @pytest.mark.long(but=("measures_turns_the_wrong_way",))
 @pytest.mark.parametrize("bug", BUGS, ids=lambda bug: bug.case.planted or bug.plant.__name__)
 def test_it_is_caught_and_without_it_nothing_is_broken(
-    bug: Bug, monkeypatch: pytest.MonkeyPatch
+    bug: Bug, monkeypatch: pytest.MonkeyPatch, once: Once
 ) -> None:
     bug.plant(monkeypatch)
     for more in range(SEEDS):
@@ -467,7 +469,11 @@ def test_it_is_caught_and_without_it_nothing_is_broken(
             break
     assert at is not None, f"in none of {SEEDS} runs"
     monkeypatch.undo()
-    assert run(replace(caught, lasts=at + AFTER_S, planted="")).violations == ()
+    sound = replace(caught, planted="")
+    if not caught.planted:  # else many bugs have the same one
+        sound = replace(sound, lasts=at + AFTER_S)
+    name = hashlib.sha256(sound.dumps().encode()).hexdigest()
+    assert once(f"sound-{name}", lambda: run(sound)).violations == ()
 
 
 def test_every_promise_has_a_bug_that_breaks_it() -> None:

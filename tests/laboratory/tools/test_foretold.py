@@ -27,7 +27,6 @@ from armadico_tools.experiments.foretold_report import (
     bins,
     brier,
     kept,
-    main,
     summed,
     wilson,
 )
@@ -90,16 +89,6 @@ def test_scores_are_of_what_was_told() -> None:
     assert "| **all** | 4 | 2/1/1 |" in said
     assert "1 of 2" in said, "one yes of two was wrong"
     assert "lost for 60 s" in said
-
-
-def test_diagram_is_drawn_of_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rows = Rows(tmp_path / FOUND, Result)
-    rows.add(Result("key", "a task", msgspec.json.encode(ROWS).decode()))
-    picture = tmp_path / "reliability.png"
-    assert main([str(tmp_path), "--picture", str(picture)]) == 0
-    assert "house" in capsys.readouterr().out
-    assert picture.read_bytes()[:4] == b"\x89PNG"
-    assert main([str(tmp_path / "nothing")]) == 2
 
 
 def test_drives_are_drawn_by_the_seed_and_short(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.metadata import EntryPoint
 from pathlib import Path
 from random import Random
 
@@ -10,20 +9,16 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.cli.options import UsageError
-from armadico.core import installed
-from armadico.core.mechanisms import GROUP
 from armadico.core.messages import BALLOTS
 from armadico_tools.commands.experiment import main
-from armadico_tools.experiments import BEHAVIOURS, Rivals, rivals
+from armadico_tools.experiments import Rivals, rivals
 from armadico_tools.experiments.driving import Cell, Sample, drive, scenario_of
 from armadico_tools.experiments.rivals import (
     Contrast,
-    alone,
     arms,
     cell,
     contrasts,
     pooled,
-    seed_of,
 )
 from armadico_tools.experiments.runner import Context
 
@@ -57,15 +52,6 @@ def test_the_verdicts_are_those_of_the_truth() -> None:
         "slow": "better, slower",
         "alike": "not worse, as fast",
     }
-
-
-def test_the_same_mechanism_under_two_names_is_found_to_differ_in_few_of_many_studies() -> None:
-    wrong = 0
-    for study in range(40):
-        both = {BALLOTS: drawn(f"a{study}", 0.8, 1.0, 100), "it": drawn(f"b{study}", 0.8, 1.0, 100)}
-        (one,) = contrasts(both)
-        wrong += one.verdict.startswith(("better", "worse"))
-    assert wrong <= 4
 
 
 def test_few_worlds_decide_nothing() -> None:
@@ -113,32 +99,6 @@ def test_a_mechanism_is_compared_in_the_same_worlds() -> None:
     assert [one.seed for one in of["it"]] == [one.seed for one in of[BALLOTS]] == [*range(10)] * 2
 
 
-def test_a_changed_plan_has_other_worlds_and_a_pilot_never_those_of_the_study(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    here = [seed_of("slalom", index, pilot=False) for index in range(3)]
-    assert here == [seed_of("slalom", index, pilot=False) for index in range(3)]
-    assert len({*here, *(seed_of("clutter", index, pilot=False) for index in range(3))}) == 6
-    pilots = [seed_of("slalom", index, pilot=True) for index in range(3)]
-    other = tmp_path / "plan.md"
-    other.write_text(rivals.PLAN.read_text(encoding="utf-8") + " ", encoding="utf-8")
-    monkeypatch.setattr(rivals, "PLAN", other)
-    assert not {*here} & {seed_of("slalom", index, pilot=False) for index in range(3)}
-    assert pilots == [seed_of("slalom", index, pilot=True) for index in range(3)]
-
-
-def test_the_second_plan_has_worlds_of_its_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    first, second = ("slalom", "liar"), ("two-goals", "battery")
-    before = {name: seed_of(name, 0, pilot=False) for name in (*first, *second)}
-    other = tmp_path / "plan.md"
-    other.write_text("another one", encoding="utf-8")
-    monkeypatch.setattr(rivals, "PLAN_2", other)
-    after = {name: seed_of(name, 0, pilot=False) for name in (*first, *second)}
-    assert [name for name in before if before[name] != after[name]] == [*second]
-
-
 def aimed(situation: str, seed: int, *sets: str, mechanism: str | None = None) -> Sample:
     """One run of a situation of the second plan."""
     of = cell(situation, "default", Cell(mechanism or BALLOTS, coordination=mechanism))
@@ -183,19 +143,6 @@ def test_a_mechanism_that_names_agents_names_the_one_with_a_goal_of_its_own(situ
     assert not any(named[name] for name in (BALLOTS, "auction", "mean"))
 
 
-def test_each_installed_mechanism_is_an_arm_and_what_agents_are_told_makes_more() -> None:
-    def named(**chosen: tuple[str, ...]) -> list[str]:
-        return list(arms(Rivals(**chosen)))
-
-    assert {BALLOTS, "auction", "priority", "aria", "mean"} <= {*named()}
-    assert not {"alliance", "executive", "aura"} & {*named()}, "not the wheels; a preset"
-    assert not {"learned", "exploring"} & {*named()}, "tuned"
-    assert {"aura", "learned"} <= {*named(mechanism=("aura", "learned"))}
-    assert named(mechanism=("auction",), told=("award", "no")) == [
-        *(BALLOTS, "auction told award", "auction told no")
-    ]
-
-
 def test_a_mechanism_without_its_library_is_named_and_refused_where_it_was_chosen(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -210,77 +157,6 @@ def test_a_mechanism_without_its_library_is_named_and_refused_where_it_was_chose
         assert any(f"Not compared: {name}; " in text for text in context.lacking)
     with pytest.raises(UsageError, match=r"behaviour-tree: .*armadico\[rivals\]"):
         arms(Rivals(mechanism=("behaviour-tree",)))
-
-
-def test_a_mechanism_whose_package_cannot_be_loaded_is_named_too(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    torn = EntryPoint("torn", "nowhere_at_all:TORN", GROUP)
-    found = (*installed.entries(GROUP), torn)
-    for module in (installed, rivals):
-        monkeypatch.setattr(module, "entries", lambda _group: found)
-    assert "cannot be loaded" in rivals.left_out(Rivals())["torn"]
-    assert "torn" not in rivals.left_out(Rivals(mechanism=("auction",)))
-
-
-def test_a_yardstick_is_counted_beside_ballots_and_not_compared(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(rivals, "BIDDERS", (3, 6))
-    of = {name: cell("slalom", "default", Cell(name)).name for name in (BALLOTS, "auction")}
-    of |= {"dwa": alone("slalom", "dwa").name}
-    runs = {
-        name: [replace(one, cell=of[name], contested_percent=50.0) for one in drawn(name, 0.8, 1.0)]
-        for name in of
-    }
-
-    def told(*yardsticks: str) -> tuple[str, str]:
-        chosen = Rivals(
-            mechanism=("auction",),
-            situation=("slalom",),
-            behaviours=("default",),
-            yardstick=yardsticks,
-        )
-        context = Context(out=tmp_path, runs=WORLDS, rivals=chosen)
-        context.found = {
-            "worlds": runs[BALLOTS],
-            "runs": [*runs[BALLOTS], *runs["auction"]],
-            "alone": runs["dwa"],
-            "kills": [],
-            "contenders": [
-                replace(runs[name][0], cell=f"{bidders} bidders {name}")
-                for name in (BALLOTS, "auction")
-                for bidders in rivals.BIDDERS
-            ],
-        }
-        return rivals.report(context), (tmp_path / "contrasts.csv").read_text(encoding="utf-8")
-
-    (text, compared), (without, compared_without) = told("dwa"), told()
-    table, title, beside = text.partition("\n\n## Yardsticks, outside the comparison")
-    assert title
-    assert (table, compared) == (without, compared_without), "no test and no correction changes"
-    clean = sum(one.clean for one in runs["dwa"])
-    assert f"| slalom | default | dwa | {WORLDS} | {clean} | {WORLDS - clean} |" in beside
-    assert f"| slalom | default | {BALLOTS} | {WORLDS} | " in beside
-
-
-def test_a_yardstick_drives_each_world_once_and_not_against_the_liar(tmp_path: Path) -> None:
-    context = Context(out=tmp_path, runs=3, rivals=Rivals(yardstick=("dwa", "pure-pursuit")))
-    context.found["worlds"] = [
-        Sample(cell(world, sort, Cell(BALLOTS)).name, seed, True, True, 9, 1, 30, 99, 5)
-        for world in ("slalom", "clutter")
-        for sort in BEHAVIOURS
-        for seed in (7, 8)
-    ]
-    context.found["worlds"] = [replace(s, contested_percent=50.0) for s in context.found["worlds"]]
-    (part,) = (part for part in rivals.RIVALS.parts if part.name == "alone")
-    found = [(one.world, one.besides, seed) for one, seed in part.tasks(context)]
-    assert sorted(found) == [
-        (world, (name,), seed)
-        for world in ("clutter", "slalom")
-        for name in ("dwa", "pure-pursuit")
-        for seed in (7, 8)
-    ]
 
 
 @pytest.mark.parametrize(

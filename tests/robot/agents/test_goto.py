@@ -200,7 +200,7 @@ def test_a_late_agent_continues_where_the_run_is() -> None:
 places = st.builds(Point, st.floats(-0.6, 2.0), st.floats(-1.0, 1.0))
 
 
-@settings(max_examples=80)
+@settings(max_examples=40)
 @given(st.lists(places, max_size=6), st.floats(-1.2, 1.2), st.floats(0.0, 0.75))
 def test_what_it_commands_is_swept_clear_of_what_is_remembered_if_braking_is(
     points: list[Point], heading: float, speed: float

@@ -77,7 +77,7 @@ def test_there_is_no_way_into_or_through_a_closed_wall() -> None:
     assert search(costs, (0, 2), (0, 0)) is None
 
 
-@settings(max_examples=200)
+@settings(max_examples=80)
 @given(
     arrays(
         np.float64,

@@ -87,7 +87,7 @@ def with_columns(world: World, corners: list[tuple[float, float]]) -> World:
     return msgspec.structs.replace(world, walls=(*world.walls, *extra))
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(
     inside(0.17),
     inside(0.17),

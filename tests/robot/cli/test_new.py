@@ -132,25 +132,16 @@ def test_beside_the_folder_the_module_is_imported_and_not_the_folder(tmp_path: P
 @pytest.mark.parametrize(
     ("name", "suggestion"),
     [
-        ("Weaver", "weaver"),
         ("wall_follower", "wall-follower"),
-        ("WallFollower", "wall-follower"),
         ("2-wheelers", "wheelers"),
-        ("2-wheels", ""),  # a module of this name exists: `wheel`
         ("../weaver", "weaver"),
         ("", ""),
         ("straße", "strasse"),
-        ("Ärger", "aerger"),
-        ("Café", "cafe"),
         ("false", ""),  # its class would be False
         ("a" * 41, "a" * 40),
         ("goto", ""),
         ("while", ""),
-        ("random", ""),
         ("numpy", ""),
-        ("armadico", ""),
-        ("behaviour", ""),
-        ("settings", ""),
     ],
 )
 def test_an_invalid_name_is_rejected_with_a_valid_suggestion(name: str, suggestion: str) -> None:

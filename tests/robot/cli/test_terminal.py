@@ -78,11 +78,7 @@ def test_the_port_of_a_simulator_that_is_driven_is_not_free() -> None:
 
 ONCE = (
     ("get", "goto"),
-    ("ps",),
     ("stop", "--timeout", "0.3"),
-    ("resume", "--timeout", "0.3"),
-    ("goto", "1", "2"),
-    ("set", "goto", "v_max=0.4"),
     ("map", "save", "no.yaml"),
 )
 

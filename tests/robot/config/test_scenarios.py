@@ -10,7 +10,7 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from armadico.config.loading import names, resource_path
+from armadico.config.loading import resource_path
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import (
     Battery,
@@ -27,9 +27,6 @@ from armadico.config.scenarios import (
 from armadico.config.worlds import load_world
 from armadico.core.config_errors import ConfigError
 
-from .free_space import FreeSpace
-
-SHIPPED = names("scenarios")
 WITH_DOCKS = ["floor", "house", "offices", "surveillance"]
 
 
@@ -54,17 +51,6 @@ def test_who_localizes_follows_the_sensors_unless_the_scenario_names_its_agents(
     assert with_sensors(named, "real").agents == named.agents
     with pytest.raises(ConfigError, match="no sensors 'rael'"):
         with_sensors(sc1, "rael")
-
-
-@pytest.mark.long(but=("sc3",))
-@pytest.mark.parametrize("name", SHIPPED)
-def test_a_robot_can_get_from_start_over_the_waypoints_to_the_goal(name: str) -> None:
-    scenario = load_scenario(name)
-    space = FreeSpace(load_world(scenario.world), load_profile(scenario.robot).body.circle_m)
-    reached = space.reached(*scenario.start[:2])
-    assert len(reached) > 100
-    for x, y in stops(scenario):
-        assert space.cell(x, y) in reached
 
 
 def test_a_straight_way_that_is_blocked_is_what_scenarios_2_and_3_are_about() -> None:

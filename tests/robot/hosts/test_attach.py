@@ -83,9 +83,7 @@ def test_a_missing_agent_is_named(
     assert "armadico up" in errors
 
 
-@pytest.mark.parametrize(
-    "option", ["--seed=1", "--virtual", "--controller=fast", "--runs=2", "--sensors=real"]
-)
+@pytest.mark.parametrize("option", ["--seed=1", "--controller=fast"])
 def test_options_of_the_societys_start_are_refused(option: str) -> None:
     done = call("run", "sc1", "--attach", option)
     assert done.returncode == 2

@@ -185,13 +185,9 @@ def test_progress_is_told_while_it_runs() -> None:
     ("wrong", "error", "says"),
     [
         ({"scenario": "sc11"}, armadico.ConfigError, "'sc1'"),
-        ({"goal": (99.0, 0.0, 0.0)}, armadico.ConfigError, r"goal \(99, 0\)"),
         ({"profile": "amigobo"}, armadico.ConfigError, "'amigobot'"),
-        ({"without": ["robot"]}, armadico.ConfigError, "encoder"),
         ({"without": ["gotho"]}, armadico.UnknownNameError, "'goto'"),
-        ({"controller": "fas"}, armadico.ConfigError, "fas"),
         ({"without": ["encoder"]}, armadico.MissionRefusedError, "encoder/pose"),
-        ({"without": ["interface"]}, armadico.AbsentError, "namespace"),
         ({"namespace": "robot2"}, ValueError, "namespace"),
     ],
 )

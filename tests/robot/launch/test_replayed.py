@@ -85,8 +85,7 @@ def moved(day: Day, since: float) -> float:
     return max(hypot(t.x - places[0].x, t.y - places[0].y) for t in places)
 
 
-@pytest.mark.parametrize("speed", [1.0, 100.0])
-@pytest.mark.parametrize("restarts", [False, True], ids=["", "the robot agent restarts"])
+@pytest.mark.parametrize(("speed", "restarts"), [(1.0, False), (100.0, True)])
 def test_a_robot_that_rests_stays_and_can_be_sent_on(speed: float, restarts: bool) -> None:
     day = Day(TODAY)
     day.run.start()
@@ -108,8 +107,7 @@ def test_a_robot_that_rests_stays_and_can_be_sent_on(speed: float, restarts: boo
     assert moved(day, day.mesh.now - 3.0) > 0.2
 
 
-@pytest.mark.parametrize("speed", [1.0, 100.0])
-@pytest.mark.parametrize("restarts", [False, True], ids=["", "the robot agent restarts"])
+@pytest.mark.parametrize(("speed", "restarts"), [(1.0, False), (100.0, True)])
 def test_a_robot_that_drives_arrives(speed: float, restarts: bool) -> None:
     day = Day(TODAY)
     day.begin().let_pass(3.0)

@@ -11,7 +11,6 @@ from armadico.core.judgement import Answer
 from armadico.core.messages import (
     Ack,
     Ballot,
-    Command,
     Cycle,
     Description,
     Message,
@@ -20,16 +19,12 @@ from armadico.core.messages import (
 )
 from armadico.mobile.geometry import Pose2
 from armadico.mobile.messages import (
-    Echo,
     MissionState,
     MissionStatus,
     Pose,
-    Sonar,
-    Trajectory,
     Truth,
-    Waypoint,
 )
-from armadico.observe.measures import Result, RunWatch, speeds
+from armadico.observe.measures import Result, RunWatch
 
 GOAL: Pose2 = (2.0, 0.0, 0.0)
 MISSION = 77
@@ -113,12 +108,6 @@ class Run:
     def end(self, state: MissionState = MissionState.REACHED, mission: int = MISSION) -> Result:
         self.show(MissionStatus(mission, state, 0.0))
         return self.watch.result()
-
-
-def test_a_row_has_these_keys_in_this_order() -> None:
-    run = Run().begin()
-    run.cycle(0.0)
-    assert list(msgspec.to_builtins(run.watch.result())) == KEYS
 
 
 def test_td_tt_fo_and_p_of_a_run_around_a_corner() -> None:
@@ -425,36 +414,6 @@ def test_without_a_goal_the_rest_is_measured() -> None:
     assert result.passed
     run.cycle(1.5, collisions=1)
     assert not run.watch.result().passed
-
-
-def test_echoes_and_waypoints_are_kept_for_a_picture() -> None:
-    run = Run().begin()
-    run.cycle(1.0, 2.0, pi / 2)
-    echoes = (Echo(0.1, 0.0, 0.0, 1.0), Echo(0.0, 0.1, pi / 2, None))
-    run.show(Sonar(Cycle(1, 1), 5.0, echoes), Trajectory(1, MISSION, (Waypoint(2.0, 0.0, 0.0),)))
-    assert run.watch.echoes == [pytest.approx((1.0, 3.1))]
-    assert run.watch.waypoints == ((2.0, 0.0, 0.0),)
-    run.show(Trajectory(2, MISSION, ()))
-    assert run.watch.waypoints == ((2.0, 0.0, 0.0),)
-
-
-BALLOT = Ballot(1, 0.5, False, "path-planning-0123456789abcdef")
-
-
-@pytest.mark.parametrize(
-    ("resource", "action", "expected"),
-    [
-        ("wheels", (0.3, -0.1), (0.3, -0.1)),
-        ("wheels", None, (0.0, 0.0)),
-        ("wheels", (0.3,), (0.0, 0.0)),
-        ("wheels", b"xy", (0.0, 0.0)),
-        ("arm", (0.3, -0.1), (0.0, 0.0)),
-    ],
-)
-def test_the_speeds_of_a_command(
-    resource: str, action: tuple[float, ...] | bytes | None, expected: tuple[float, float]
-) -> None:
-    assert speeds(Command(resource, Cycle(1, 10), BALLOT, action)) == expected
 
 
 def test_only_the_robots_own_simulator_counts_and_another_is_a_stranger() -> None:

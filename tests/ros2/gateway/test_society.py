@@ -194,17 +194,11 @@ def test_a_scan_in_the_other_direction_keeps_its_angles() -> None:
     "absurd",
     [
         Scan(cycle(), 0, 0, 0, 0.1, 5.0, b"odd"),
-        Scan(cycle(), 0, 0, 0, 0.0, 5.0, b"even"),
         Scan(cycle(), 10, -10, 1e6, -1.0, 100, bytes(4096)),
-        m.RobotState(cycle(), 2e5, -2e5, 1e6, 100, -1000, 1e4, False, True),
         Pose(cycle(), 1e6, -1e6, -1e6, (1e6,) * 6),
-        Sonar(cycle(), 100, (Echo(10, 10, -1e6, 100),)),
         Obstacles(cycle(), None, None, None, None, (m.Point(1e6, -1e6),) * 2048),
-        LocalMap(cycle(), 1, 1, 1e-9, (Cell(359, 999, 1, 1e6, -1e6),)),
         Trajectory(0, 0, (Waypoint(1e6, -1e6, 1e6),) * 1024, m.Point(-1e6, 1e6)),
-        m.Ack("é" * 100, cycle(), None, BALLOT, cycle()),
         MissionStatus(0, MissionState.FAILED, 1e6, 2**52, "\u2764" * 100),
-        BatteryLevel(cycle(), 1e4, 1, 1e12),
     ],
     ids=lambda message: type(message).__name__,
 )
@@ -452,15 +446,10 @@ def test_a_goal_in_another_frame_is_transformed() -> None:
     ("data", "named"),
     [
         (goal(frame=""), "''"),
-        (goal(frame="somewhere"), "map, odom, base_link"),
         (goal(x=math.nan), "finite"),
-        (goal(z=math.inf), "finite"),
         (goal(z=0.0, w=0.0), "norm 0"),
-        (goal(z=3.0, w=3.0), r"norm 4\.24"),
         (goal(x=2e6), r"2e\+06 m"),
-        (b"", "CDR"),
         (b"\0\1\0\0\1", "PoseStamped"),
-        (goal()[:-9], "PoseStamped"),
     ],
 )
 def test_an_invalid_goal_is_refused_with_the_reason(data: bytes, named: str) -> None:

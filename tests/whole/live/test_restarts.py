@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from math import hypot
-
 import pytest
 from msgspec import structs
 
 from armadico.bridge.p2os.commands import Cmd
-from armadico.config.scenarios import load_scenario
-from armadico.observe.audit.poses import may_be_off
 from tests.robot.society import ballots_never_go_down
 from tests.whole.live.conftest import Start
 from tests.whole.live.society import LINE
@@ -38,35 +34,6 @@ def test_a_new_robot_agent_closes_what_was_left_open_and_the_same_holder_drives_
     assert society.holder == holder
     society.nobody_else_died()
     ballots_never_go_down(society.acks)
-
-
-@pytest.mark.long
-def test_those_by_whom_the_pose_is_known_come_back_and_leave_it_right_or_said(
-    start: Start,
-) -> None:
-    """tests/laboratory/faults/test_restarts.py has every order, under the virtual clock."""
-    rooms = load_scenario("sc4")
-    agents = tuple(dict.fromkeys((*rooms.agents, "localization", "relocate")))
-    society = start(structs.replace(rooms, agents=agents, sensors="real"))
-
-    def known() -> bool:
-        pose, truth = society.view.pose, society.view.truth
-        if pose is None or truth is None or not pose.covariance:
-            return False
-        late = 0.3 * abs(truth.v)  # the two are of cycles next to one another
-        off = hypot(pose.x - truth.x, pose.y - truth.y)
-        return off <= may_be_off(pose)[0] + late
-
-    society.until(known, "the pose is known")
-    for name in ("localization", "robot", "encoder"):
-        society.kill(name)
-        society.truths_pass(3)
-        society.restart(name)
-        society.truths_pass(20)
-    society.until(known, "it is known again, or says that it is not")
-    society.drives_on()
-    assert known()
-    society.nobody_else_died()
 
 
 @pytest.mark.long

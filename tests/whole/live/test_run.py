@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from shutil import rmtree
-from signal import SIGHUP, SIGINT, SIGSTOP, SIGTERM, Signals
+from signal import SIGHUP, SIGINT, SIGSTOP, Signals
 
 import psutil
 import pytest
@@ -103,7 +103,7 @@ def test_a_run_that_does_not_reach_its_goal_leaves_its_logs(run: Start, far: lis
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("number", [SIGINT, SIGTERM, SIGHUP])
+@pytest.mark.parametrize("number", [SIGINT, SIGHUP])
 def test_a_run_that_is_interrupted_leaves_the_robot_at_rest_and_nothing_running(
     run: Start, observer: Observer, number: Signals
 ) -> None:

@@ -15,21 +15,9 @@ from armadico.cli.parsing import Must, flag, option, several
 from armadico.core.installed import entries, package
 
 MODULES: Final = {
-    "random-rooms": (
-        "Random rooms: generated floor plans with furniture",
-        "foreign_worlds:RANDOM_ROOMS",
-    ),
-    "floors": (
-        "Floors: generated floor plans with people, real sensors",
-        "foreign_worlds:FLOORS",
-    ),
     "gate": (
         "The price of the gate: floor plans with and without it, by sonars and by laser",
-        "foreign_worlds:GATE",
-    ),
-    "other-maps": (
-        "Maps of other formats: goals between free places",
-        "foreign_worlds:OTHER_MAPS",
+        "gate:GATE",
     ),
     "barn": ("The BARN challenge: fields of cylinders, no map", "barn:BARN"),
     "exploration": (

@@ -20,7 +20,6 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from armadico.config.mapwriter import write_map
-from armadico.config.moving import Moving
 from armadico.config.profile import load_profile
 from armadico.config.worlds import Door, Pose, Room, Segment, World, hull
 
@@ -37,8 +36,6 @@ EXTRA_DOOR: Final = 0.3  # probability of a door that no way needs
 ITEMS: Final = 3  # most pieces of furniture in a room
 ITEM_M: Final = (0.25, 0.9)
 FREE_M: Final = 0.45  # around start and goal
-WALK_M_S: Final = (0.5, 1.2)
-APART_M: Final = 1.5  # from start and goal to people's starts
 
 Rectangle = tuple[float, float, float, float]
 Mask = NDArray[np.bool_]
@@ -63,25 +60,7 @@ def floor_plan(seed: int) -> FloorPlan:
             return found
 
 
-def people(plan: FloorPlan, seed: int, count: int) -> list[Moving]:
-    """People who walk in a plan, each from a place with room, away from start and goal.
-
-    Every third one does not heed the robot, and walks into it.
-    """
-    rng = Random(f"people/{seed}")
-    x1, y1, x2, y2 = plan.world.bounds
-    found: list[Moving] = []
-    while len(found) < count:
-        x, y = round(rng.uniform(x1, x2), 2), round(rng.uniform(y1, y2), 2)
-        speed = round(rng.uniform(*WALK_M_S), 2)
-        apart = all(hypot(x - at[0], y - at[1]) >= APART_M for at in (plan.start, plan.goal))
-        if apart and plan.world.clearance(x, y) >= FREE_M:
-            heeds = len(found) % 3 != 2
-            found.append(Moving(kind="person", at=(x, y), speed=speed, heeds=heeds))
-    return found
-
-
-def save(plan: FloorPlan, folder: Path, walking: Sequence[Moving] = ()) -> Path:
+def save(plan: FloorPlan, folder: Path) -> Path:
     """Write the plan's map and scenario. Returns the scenario's file."""
     name = plan.world.name
     write_map(plan.world, folder / f"{name}.map", ("A generated floor plan.",))
@@ -93,11 +72,6 @@ def save(plan: FloorPlan, folder: Path, walking: Sequence[Moving] = ()) -> Path:
         f"goal = {_degrees(plan.goal)}",
         'plan = "rooms"',
     ]
-    for one in walking:
-        assert one.at is not None, "a person has a place"
-        heeds = str(one.heeds).lower()
-        lines += ["[[moving]]", 'kind = "person"', f"at = {[*one.at]}", f"speed = {one.speed}"]
-        lines += [f"heeds = {heeds}"]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
 

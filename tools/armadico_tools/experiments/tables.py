@@ -77,13 +77,6 @@ def spread(values: Sequence[float]) -> Spread | None:
     return Spread(n, mean, sd, mean - half, mean + half)
 
 
-def at_least(reached: int, n: int) -> float:
-    """The lower end of the one-sided 95 % interval of a share (Clopper and Pearson)."""
-    from scipy.stats import beta
-
-    return 0.0 if reached == 0 else float(beta.ppf(0.05, reached, n - reached + 1))
-
-
 def compare(arms: dict[str, list[Sample]]) -> str:
     """A table of measures by arms."""
     rows = []

@@ -175,15 +175,6 @@ def test_a_connection_that_ends_stops_the_robot_and_frees_it(robot: Bench) -> No
     assert len(robot.run(1.0)) == 10
 
 
-def test_players_malformed_seto_is_obeyed(robot: Bench) -> None:
-    robot.send(Cmd.VEL, 300)
-    robot.watched(1.0)
-    robot.send(Cmd.STOP)
-    robot.watched(2.0)
-    robot.controller.receive(encode(b"\x07\x3b"))
-    assert robot.watched(0.1)[0].x_m == 0
-
-
 def test_the_same_bytes_at_the_same_times_give_the_same_bytes(
     make: Callable[[P2osRobot], Bench], profile: P2osRobot
 ) -> None:

@@ -139,7 +139,7 @@ def test_a_link_without_a_robot_is_tried_for_ever(link: Link) -> None:
     assert kinds(link.let_pass(3.0), Connected)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(3))
 def test_lost_and_mangled_bytes_delay_the_link_and_do_not_end_it(link: Link, seed: int) -> None:
     draws = random.Random(seed)
     advance = link.controller.advance
@@ -170,8 +170,8 @@ def test_closing_leaves_the_robot_at_rest_and_ready_for_the_next(link: Link) -> 
     assert kinds(link.let_pass(1.0), Connected)
 
 
-@pytest.mark.long(but=("0", "1", "2", "3", "4", "5"))
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.long(but=("0", "1"))
+@pytest.mark.parametrize("seed", range(6))
 def test_a_robot_at_rest_moves_for_a_drive_and_for_nothing_else(link: Link, seed: int) -> None:
     draws = random.Random(seed)
     moved = rested = 0

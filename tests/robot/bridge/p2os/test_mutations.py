@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from armadico.bridge.p2os.profile import P2osRobot
 
 FOLDER = Path(__file__).parent / "transcripts"
-SEEDS = range(20)
+SEEDS = range(6)
 NAMES = encode(b"\x02Rob\0Pioneer\0p2dx\0")
 
 
