@@ -210,6 +210,12 @@ def test_old_obstacles_leave_the_answer_unknown() -> None:
     assert "what stands around the robot" in judged(old).reason
 
 
+def test_obstacles_that_never_came_leave_the_answer_unknown() -> None:
+    stands = attended()
+    stands.account.obstacles.clear()
+    assert "what stands around the robot" in judged(stands.now()).reason
+
+
 def judged(now: Present) -> Judgement:
     """The answer where all samples arrive."""
     found = told(forked(now, goal=NEAR), Sample(seed=0, end=ARRIVED)).judgement

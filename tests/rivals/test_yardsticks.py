@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, sin
+from math import cos, hypot, sin
 from random import Random
 from typing import TypeVar
 
@@ -15,6 +15,7 @@ from armadico.agents.rivals.yardsticks import (
     PurePursuit,
     Yardstick,
     best,
+    curvature,
 )
 from armadico.config.moving import Moving
 from armadico.config.scenarios import Scenario, ideal, load_scenario
@@ -132,7 +133,31 @@ def test_dwa_rotates_away_from_a_wall_before_which_it_can_drive_on_no_arc_until_
     assert speeds(agent)[0] > 0.0
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_dwas_objective_weighs_heading_clearance_and_velocity(side: float) -> None:
+    def chosen(to: Point, *points: Point, **weights: float) -> tuple[float, float]:
+        only = replace(DwaParameters(heading=0.0, clearance=0.0, velocity=0.0), **weights)
+        found = best(Scene(BODY, (0.3, 0.0), points), to, MOST, only)
+        assert found is not None
+        return found
+
+    assert chosen(Point(1.0, side), heading=1.0)[1] * side > 0.0
+    beside = [Point(0.9 + 0.1 * n, side * 0.15) for n in range(3)]
+    assert chosen(Point(2.0, 0.0), *beside, heading=0.5, clearance=1.0)[1] * side < 0.0
+    assert chosen(Point(2.0, 0.0), velocity=1.0)[0] > 0.3
+
+
 # Pure pursuit -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("x", "y"), [(1.0, 0.5), (0.4, -0.3), (0.9, 0.0), (0.2, 0.8)])
+def test_pure_pursuits_arc_is_tangent_to_the_heading_and_passes_the_point_ahead(
+    x: float, y: float
+) -> None:
+    bend = curvature(Point(x, y))
+    assert bend == pytest.approx(2.0 * y / (x * x + y * y))
+    if y:
+        assert hypot(x, y - 1.0 / bend) == pytest.approx(1.0 / abs(bend)), "on the arc's circle"
 
 
 def pursuing(goal: tuple[float, float] = (5.0, 0.0)) -> PurePursuit:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import gzip
-from math import pi
+from math import hypot, pi
 from pathlib import Path
 from typing import Any
 
@@ -49,15 +49,30 @@ def test_an_npz_log_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert bearings_of(scan(log, 7))[[0, -1]] == pytest.approx([-pi / 2, pi / 2 - pi / 90])
 
 
+def test_odometry_is_interpolated_between_rows(tmp_path: Path) -> None:
+    poses: list[Pose2] = [(1.0, 1.0, 3.0), (2.0, 1.0, -3.0), (2.0, 2.0, -3.0)]
+    log = logs.read(made_logs.npz(tmp_path / "a.npz", poses))
+    half = log.odometry_at(0.5 * made_logs.STEP_S)
+    assert half[:2] == pytest.approx((1.5, 1.0))
+    assert abs(half[2]) == pytest.approx(pi, abs=1e-6)  # the short way round
+    assert log.odometry_at(-1.0) == poses[0]
+    assert log.odometry_at(99.0) == poses[2]
+
+
 @pytest.mark.parametrize(
     ("others", "named"),
     [
         ({"odometry": None}, "odometry"),
+        ({"ranges": None}, "ranges"),
         ({"odometry": np.zeros((3, 3))}, "(3, 3)"),
+        ({"ranges": np.zeros(3)}, "ranges"),
         ({"t": np.array(["a"] * 127)}, "'t'"),
         ({"odometry": np.full((127, 3), np.nan)}, "odometry"),
+        ({"angle_step": 0.0}, "scans"),
         ({"angle_min": -90.0}, "rad"),
+        ({"angle_step": 1.0}, "rad"),
         ({"scale": None}, "0.05 to 50 m"),  # they are cm
+        ({"scale": -0.01}, "scale"),
         ({"odometry": np.ones((127, 3))}, "odometry"),
     ],
 )
@@ -162,6 +177,14 @@ def test_rows_out_of_order_are_left_out(tmp_path: Path) -> None:
     assert log.notes[0].startswith("2 of 127")
 
 
+def test_an_odometry_that_jumps_is_reported(tmp_path: Path) -> None:
+    path = np.array(made_logs.driven())
+    path[60:] -= path[60]
+    log = logs.read(made_logs.npz(tmp_path / "a.npz", odometry=path))
+    (note,) = log.notes
+    assert "8.1 m" in note
+
+
 @pytest.mark.parametrize("jump", [3600.0, -3600.0])
 def test_a_clock_that_jumps_is_followed(tmp_path: Path, jump: float) -> None:
     t = made_logs.STEP_S * np.arange(127)
@@ -185,6 +208,23 @@ def test_a_frequent_largest_range_means_that_nothing_was_seen(tmp_path: Path) ->
 
 
 # Errors of odometry -------------------------------------------------------------------------------
+
+
+def test_errors_depend_on_the_seed_and_grow_with_the_share(tmp_path: Path) -> None:
+    log = logs.read(made_logs.npz(tmp_path / "a.npz"))
+    assert logs.with_errors(log, 0.0, 1).odometry[:, :2] == pytest.approx(log.odometry[:, :2])
+    one, same = (logs.with_errors(log, 0.05, 1).odometry for _ in range(2))
+    assert (one == same).all()
+    off = {
+        share: np.mean(
+            [
+                hypot(*(logs.with_errors(log, share, seed).odometry[-1] - log.odometry[-1])[:2])
+                for seed in range(20)
+            ]
+        )
+        for share in (0.01, 0.1)
+    }
+    assert 0.02 < off[0.01] < 0.2 * off[0.1] < 2.0
 
 
 # CARMEN -------------------------------------------------------------------------------------------
@@ -315,6 +355,12 @@ def test_odometry_lines_belong_to_the_scans_around_them(
     assert ranges_of(scan(log, 9)) == pytest.approx(
         made_logs.ranges(made_logs.driven()[9]), abs=0.006
     )
+
+
+def test_the_lasers_path_is_used_if_the_robot_has_no_pose(tmp_path: Path) -> None:
+    poses = made_logs.driven()
+    log = logs.read(carmen(tmp_path / "a.log", lines(poses, [AT] * len(poses)), packed=True))
+    assert log.odometry[50] == pytest.approx(poses[50], abs=1e-5)
 
 
 @pytest.mark.parametrize("data", [b"hello\n", b"\x00\xff" * 50, b"PK\x03\x04rubbish", b"\x89MCAP0"])

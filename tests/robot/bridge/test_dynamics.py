@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import random
 from itertools import pairwise
-from math import cos, degrees, hypot, pi, sin
+from math import acos, cos, degrees, hypot, pi, sin
 
+import msgspec
 import pytest
 
-from armadico.bridge.simulator.dynamics import Dynamics
+from armadico.bridge.simulator.dynamics import Dynamics, breakaway_v
 from tests.robot.bridge.kit import PROFILE
 
 STEP_S = 0.005
@@ -62,6 +63,29 @@ def test_opposite_voltages_turn_and_drive_back_by_the_centrifugal_term() -> None
     assert spun.v == pytest.approx(-0.75, abs=0.01)
 
 
+def test_a_pure_rotation_holds_the_caster_at_its_own_angle() -> None:
+    """cos(beta) = -d / l1, not -90 degrees as in 4.5.3."""
+    dynamics = at(w=1.0, beta=-pi / 2)
+    for _ in range(4000):
+        dynamics.roll(0.0, 1.0)
+        dynamics.v, dynamics.w = 0.0, 1.0
+        dynamics.accelerate(0.0, 0.0)
+    expected = acos(-PROFILE.caster.trail_m / PROFILE.caster.arm_m)
+    assert abs(dynamics.beta) == pytest.approx(expected, abs=1e-6)
+
+
+def test_driving_ahead_swings_the_caster_behind() -> None:
+    """But for what the friction of its pivot holds: half a degree."""
+    dynamics = at(beta=3.0)
+    for _ in range(1000):
+        dynamics.step(6, 6)
+    assert dynamics.beta == pytest.approx(0.0, abs=0.01)
+
+
+def test_breakaway_voltage() -> None:
+    assert breakaway_v(PROFILE) == pytest.approx(0.857, abs=0.001)
+
+
 @pytest.mark.parametrize(("left", "right"), [(0.85, 0.85), (-0.85, 0.85), (0.3, -0.8), (0, 0)])
 def test_at_rest_under_too_little_voltage_it_stays_exactly_at_rest(
     left: float, right: float
@@ -78,7 +102,7 @@ def test_a_little_more_moves_it(left: float, right: float) -> None:
     assert (abs(moved.v) + abs(moved.w)) > 1e-3
 
 
-@pytest.mark.parametrize("dt", [0.005])
+@pytest.mark.parametrize("dt", [0.001, 0.005, 0.02])
 @pytest.mark.parametrize(("left", "right"), [(0, 0), (0.5, 0.3), (-0.8, 0.8)])
 def test_it_comes_to_rest_exactly_and_for_good(dt: float, left: float, right: float) -> None:
     dynamics = at(0.8, 2.0, 0.5, dt)
@@ -97,6 +121,53 @@ def test_energy_never_grows_without_input() -> None:
             energies.append(dynamics.energy())
         assert all(later <= earlier for earlier, later in pairwise(energies))
         assert energies[-1] < energies[0]
+
+
+def lossless(dt: float, caster_viscous_nms: float = 0.0) -> Dynamics:
+    """A robot on the move that loses no energy, but perhaps at its caster's pivot."""
+    inertia = msgspec.structs.replace(
+        PROFILE.inertia,
+        **dict.fromkeys(
+            ("caster_coulomb_nm", "caster_viscous_nms", "wheel_coulomb_nm", "wheel_viscous_nms"),
+            0.0,
+        ),
+    )
+    inertia = msgspec.structs.replace(inertia, caster_viscous_nms=caster_viscous_nms)
+    motor = msgspec.structs.replace(PROFILE.motor, friction_nm=0.0, back_emf_v_s=0.0)
+    dynamics = Dynamics(msgspec.structs.replace(PROFILE, inertia=inertia, motor=motor), dt)
+    dynamics.v, dynamics.w, dynamics.beta = 0.5, 1.5, 1.0
+    return dynamics
+
+
+def free_energy_change(dt: float, caster_viscous_nms: float = 0.0) -> float:
+    """Relative change of energy in 2 s without input."""
+    dynamics = lossless(dt, caster_viscous_nms)
+    before = dynamics.energy()
+    for _ in range(round(2 / dt)):
+        dynamics.step(0, 0)
+    return dynamics.energy() / before - 1
+
+
+def test_without_losses_energy_is_kept_as_the_step_shrinks() -> None:
+    """The centrifugal and caster terms do no work: their algebra is right."""
+    fine, middle, coarse = (abs(free_energy_change(dt)) for dt in (1e-4, 2e-4, 4e-4))
+    assert fine < 1e-3
+    assert fine < 0.6 * middle < 0.36 * coarse
+
+
+def test_the_casters_friction_takes_energy() -> None:
+    assert free_energy_change(1e-4, caster_viscous_nms=0.01) < -0.01
+
+
+def test_the_motors_lag_is_of_second_order_in_the_step() -> None:
+    """Speed on the rise, where back EMF counts most: 20 ms are as good as 1 ms."""
+    speeds = []
+    for dt in (0.001, 0.02):
+        dynamics = at(dt=dt)
+        for _ in range(round(0.2 / dt)):
+            dynamics.step(12, 12)
+        speeds.append(dynamics.v)
+    assert speeds[1] == pytest.approx(speeds[0], rel=0.001)
 
 
 def end_of_drive(dt: float) -> tuple[float, float, float]:
@@ -125,3 +196,11 @@ def test_the_step_of_5_ms_is_converged() -> None:
         assert abs(degrees(end[2] - theta)) < 0.1
     assert errors[0] < 0.003
     assert errors[0] < 0.7 * errors[1]
+
+
+def test_left_and_right_are_mirror_images() -> None:
+    one, other = at(beta=0.4), at(beta=-0.4)
+    for k in range(500):
+        one.step(5 + k % 3, 3)
+        other.step(3, 5 + k % 3)
+    assert (one.v, one.w, one.beta) == pytest.approx((other.v, -other.w, -other.beta), abs=1e-12)

@@ -67,7 +67,7 @@ def corners(robot: Plant) -> list[tuple[float, float]]:
 # Walls ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("volts", [12.0])
+@pytest.mark.parametrize("volts", [2.0, 6.0, 12.0])
 @pytest.mark.parametrize("heading", [0.0, 0.2, -0.7])
 def test_driving_into_a_wall_stops_there_and_counts_once(volts: float, heading: float) -> None:
     robot = plant([(1.0, -15.0, 1.0, 15.0)], (0.0, 0.0, heading))
@@ -86,7 +86,7 @@ def test_driving_into_a_wall_stops_there_and_counts_once(volts: float, heading: 
         assert robot.clearance() == 0.0
 
 
-@pytest.mark.parametrize("sensors", [REAL], ids=["real"])
+@pytest.mark.parametrize("sensors", [IDEAL, REAL], ids=["ideal", "real"])
 def test_steps_in_one_go_are_those_one_by_one(sensors: SensorProfile) -> None:
     """Ahead, into a wall and along it, turning off it, and at rest."""
     at_once, singly = (plant(ROOM, (3.0, 0.0, 0.1), sensors) for _ in range(2))
@@ -124,7 +124,7 @@ def test_head_on_it_is_blocked_until_the_voltage_goes() -> None:
         assert not robot.blocked
 
 
-@pytest.mark.parametrize("heading", [0.0, 2.0])
+@pytest.mark.parametrize("heading", [0.0, pi / 2, 2.0])
 def test_backing_off_works(heading: float) -> None:
     far = (5 * cos(heading), 5 * sin(heading))
     middle = (cos(heading), sin(heading))
@@ -238,7 +238,16 @@ def test_a_robot_set_down_in_a_wall_is_pushed_out() -> None:
     assert robot.pose[0] + FRONT < 0.2 + PENETRATION_M
 
 
-@pytest.mark.parametrize("every", [3])
+def test_walls_can_be_added_while_it_drives() -> None:
+    robot = plant()
+    drive(robot, 0.5, 0.0, 1.0)
+    robot.add_walls([(1.0, -1.0, 1.0, 1.0)])
+    drive(robot, 0.5, 0.0, 4.0)
+    assert robot.blocked
+    assert robot.pose[0] + FRONT == pytest.approx(1.0, abs=PENETRATION_M)
+
+
+@pytest.mark.parametrize("every", [1, 3])
 def test_asking_for_contacts_only_where_they_are_possible_changes_no_bit(every: int) -> None:
     """Against a plant that queries contacts in every step in which it moves."""
     rng = Random(3)
@@ -297,6 +306,17 @@ def test_reset_and_set_pose() -> None:
     robot.step(0.0, 0.0)
     assert robot.pose == (3.0, 4.0, 1.0)
     assert robot.odometry == HOME
+
+
+def test_set_down_at_another_wall_it_meets_that_too() -> None:
+    robot = plant([(1.0, -1.0, 1.0, 1.0), (30.0, -1.0, 30.0, 1.0)])
+    robot.clearance()
+    for x in (1.0, 30.0, 1.0):
+        robot.set_pose(x - FRONT - 0.005, 0.0, 0.0)
+        for _ in range(60):
+            robot.step(6.0, 6.0)
+        assert robot.pose[0] + FRONT == pytest.approx(x, abs=PENETRATION_M)
+    assert robot.touches.collisions == 3
 
 
 def drift_after(sensors: SensorProfile, seed: int = 1) -> float:
@@ -369,6 +389,12 @@ def docked(at: Pose2, charge: float = 0.5) -> Plant:
     return Plant(PROFILE, IDEAL, Site(start=at, docks=[DOCK], charge=charge), seeded(1))
 
 
+def test_a_battery_begins_with_the_charge_that_it_is_given() -> None:
+    full, half = docked((9.0, 9.0, 0.0), 1.0), docked((9.0, 9.0, 0.0))
+    span = PROFILE.battery.full_v - PROFILE.battery.empty_v
+    assert full.battery.volts - half.battery.volts == pytest.approx(0.5 * span)
+
+
 def test_it_is_charged_while_its_contacts_meet_those_of_a_dock() -> None:
     x, y, theta = DOCK
     robot = docked(DOCK)
@@ -410,6 +436,21 @@ def test_the_charger_gives_less_and_less_and_fills_no_more_than_the_battery_hold
     assert 0.97 < robot.battery.charge < 1.0 - rest
 
 
+def test_what_is_used_is_counted_in_joules() -> None:
+    robot = plant()
+    robot.run(round(10.0 / robot.step_s), lambda _v, _w: (0.0, 0.0))
+    watts = PROFILE.battery.idle_a * PROFILE.battery.full_v
+    assert robot.battery.used_j == pytest.approx(10.0 * watts, rel=0.01)
+
+
+def test_no_motor_gets_more_than_the_battery_has() -> None:
+    one, other = plant(), plant()
+    for _ in range(200):
+        one.step(100.0, -100.0)
+        other.step(other.battery.volts, -other.battery.volts)
+        assert one.pose == other.pose
+
+
 # Repeatability ----------------------------------------------------------------------------------
 
 
@@ -429,6 +470,13 @@ def diary(seed: int) -> list[object]:
 def test_the_same_seed_is_the_same_run_bit_for_bit() -> None:
     assert diary(5) == diary(5)
     assert diary(5) != diary(6)
+
+
+def test_streams_are_independent_of_other_draws() -> None:
+    streams = seeded(9)
+    streams("other").random()
+    assert streams("sonar").random() == seeded(9)("sonar").random()
+    assert streams("sonar").random() != streams("slip/left").random()
 
 
 def test_dead_walls_come_from_the_seed_and_more_walls_change_none() -> None:

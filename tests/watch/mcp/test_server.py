@@ -370,6 +370,30 @@ def test_a_goal_that_is_withdrawn_while_it_is_planned_is_the_one_that_is_waited_
     served.end()
 
 
+def test_calls_that_arrive_while_another_is_withdrawn_end_no_server() -> None:
+    guests: Any = (Guest(), Guest())
+    society = Society(None, {})
+    watcher: Any = SilentWatcher(society)
+    serving = Server(guests, watcher, society, lambda: None)
+
+    class Client:
+        """Another thread receives a call while the first one is looked for."""
+
+        def __call__(self, data: bytes) -> None: ...
+
+        def __hash__(self) -> int:
+            return 0
+
+        def __eq__(self, other: object) -> bool:
+            serving.receive(Call(id="later", tool="where", text="{}"), self)
+            return self is other
+
+    for number in range(3):
+        serving.receive(Call(id=number, tool="where", text="{}"), Client())
+    serving.drop(1, Client())
+    assert serving.turn()
+
+
 @pytest.mark.usefixtures("often")
 def test_what_is_withdrawn_while_a_slow_call_runs_is_not_begun_and_not_asked_for_any_more(
     house: Gazetteer, busy: threading.Event
@@ -488,6 +512,35 @@ def test_a_rehearsal_delays_no_other_call_and_there_is_one_at_a_time(
     assert "did you mean" in served.answer()[1]["refused"]
     served.call(5, "rehearse", mission="rounds")
     assert served.answer()[1]["refused"] == "no agent 'x'"
+    served.end()
+
+
+@pytest.mark.parametrize(
+    ("against", "virtual", "answer"),
+    [
+        ("", "yes", "yes"),
+        ("", "unknown", "unknown"),
+        ("goto would be refused: the policy (default) forbids goto", "yes", "no"),
+        ("goto would be refused: the policy (default) forbids goto", "unknown", "no"),
+        ("a person would be asked first: the way leads through C", "yes", "unknown"),
+        ("a person would be asked first: the way leads through C", "no", "no"),
+    ],
+)
+def test_what_the_policy_has_against_a_goal_is_told_with_its_rehearsal(
+    house: Gazetteer, monkeypatch: pytest.MonkeyPatch, against: str, virtual: str, answer: str
+) -> None:
+    monkeypatch.setitem(TOOLS, "rehearse", REHEARSE)
+
+    def rehearse(*_: object, **__: object) -> dict[str, object]:
+        return {"says": "driven", "small": {"answer": virtual, "says": "driven"}}
+
+    guest = Guest()
+    guest.replies["rehearse"] = [AssistantReply(against)]
+    served = Served(Guest(), guest, house, rehearse)
+    served.call(1, "rehearse", place="E")
+    _, found = served.answer()
+    assert found["answer"] == answer
+    assert found["text"] == (f"{against}. The rehearsal: driven" if against else "driven")
     served.end()
 
 

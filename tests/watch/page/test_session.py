@@ -80,6 +80,22 @@ def test_a_goal_is_a_mission_and_the_robot_arrives(stage: Stage) -> None:
     assert off(stage, *GOAL) < 0.15
 
 
+def test_the_default_heading_is_the_direction_to_the_goal(stage: Stage) -> None:
+    stage.answer(stage.request("page 1", "go", x=1.0, y=1.0))
+    x, y = (stage.parts["motion"][name] for name in "xy")
+    (goal,) = stage.parts["mission"]["way"][-1:]
+    assert abs(goal[2] - pi / 4) < 0.3, (x, y)
+
+
+def test_a_goal_in_a_wall_is_refused_by_the_planner() -> None:
+    stage = Stage("sc4")
+    stage.ready()
+    answer = stage.answer(stage.request("page 1", "go", x=4.6, y=1.5))
+    assert not answer["ok"]
+    assert "wall" in answer["text"]
+    assert stage.parts["motion"]["v"] == 0.0
+
+
 def test_a_goal_while_stopped_is_accepted(stage: Stage) -> None:
     stage.answer(stage.request("page 1", "stop"))
     answer = stage.answer(stage.request("page 1", "go", x=1.0, y=0.0))
@@ -152,6 +168,17 @@ def test_a_browser_without_the_token_stops_the_robot_and_can_do_nothing_else(sta
     assert stage.answer(stage.request("page 1", "resume", press=press))["ok"]
 
 
+def test_within_400_ms_no_agent_commands_a_speed(stage: Stage) -> None:
+    """After that only the controller's ramp remains."""
+    commands: list[tuple[float, m.Command]] = []
+    stage.mesh.watch(lambda _, message, t: commands.append((t, message)), m.Command)
+    driving(stage)
+    begun = stage.mesh.now
+    stage.request("page 1", "stop")
+    stage.run_for(2.0)
+    assert not [c for t, c in commands if t > begun + 0.4 and any(c.action or ())]
+
+
 def test_a_resume_releases_the_shown_stop_and_the_robot_drives_on(stage: Stage) -> None:
     driving(stage)
     stage.answer(stage.request("page 1", "stop"))
@@ -213,6 +240,10 @@ def test_a_resume_cancels_an_unacknowledged_stop(stage: Stage) -> None:
     assert not stage.parts["stop"]["asked"]
 
 
+def test_a_robot_that_is_not_stopped_cannot_be_released(stage: Stage) -> None:
+    assert not stage.answer(stage.request("page 1", "resume", press="0"))["ok"]
+
+
 # Browsers -----------------------------------------------------------------------------------------
 
 
@@ -252,6 +283,35 @@ def test_without_browsers_no_queries_are_sent(stage: Stage) -> None:
     stage.place.query = lambda key, *_: queries.append(key)  # type: ignore[method-assign]
     stage.run_for(3.0)
     assert not queries
+
+
+@pytest.mark.parametrize(
+    ("data", "named"),
+    [
+        ("{}", "`do`"),
+        ('{"do":"fly","id":1,"robot":"robot1"}', "fly"),
+        ('{"do":"stop","id":1,"robot":"elsewhere"}', "'elsewhere'"),
+        ("x" * 10_000, "10000"),
+    ],
+)
+def test_an_invalid_request_is_refused(stage: Stage, data: str, named: str) -> None:
+    stage.session.on_message("page 1", data)
+    stage.run_for(0.1)
+    assert not stage.shown.answers[-1]["ok"]
+    assert named in stage.shown.answers[-1]["text"]
+
+
+@pytest.mark.parametrize(
+    ("do", "words"),
+    [
+        ("go", {"x": 1e9, "y": 0.0}),  # a typing error
+        ("set", {"instance": "goto-1", "name": "v_max", "json": "9" * 2001}),
+        ("set", {"instance": "goto-1", "name": "v_max", "json": "9" * 5000}),
+        ("fly", {}),
+    ],
+)
+def test_a_request_out_of_range_is_answered(stage: Stage, do: str, words: dict[str, Any]) -> None:
+    assert not stage.answer(stage.request("page 1", do, **words))["ok"]
 
 
 def test_a_stop_gets_through_a_flood_of_another_browser(stage: Stage) -> None:

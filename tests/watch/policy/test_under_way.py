@@ -367,6 +367,20 @@ def test_a_rehearsal_keeps_no_order_waiting_and_is_none_that_can_be_cancelled(
     assert watched.replies[number] == AssistantReply()
 
 
+def test_a_rehearsal_at_the_start_keeps_no_order_waiting(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(TOOLS, "rehearse", REHEARSE)
+    desk = Desk(tmp_path, POLICY)
+    assert desk.request("rehearse", x=4, y=1.5) is None
+    assert desk.request("goto", x=4, y=1.5) is None, "no refusal"
+    cycle = Cycle(1, 1)
+    desk.receive(BODY, RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False))
+    for _ in range(2):
+        desk.receive(Pose(cycle, 1.0, 1.5, 0.0, SURE))
+    assert [type(each.request) for each in desk.queries] == [PlanRequest, PlanRequest]
+
+
 def test_a_request_that_waits_for_a_person_is_taken_back(tmp_path: Path) -> None:
     desk = Watched(tmp_path, APPROVED)
     waits = desk.ask_with_plan((4.0, 1.5))
