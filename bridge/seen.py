@@ -19,6 +19,8 @@ are joined where the robot fits through no gap between them, and go on into unse
 Nearer than a sonar's least range it only knows that something is there: what was heard before stays
 where it was.
 
+What a scan would not show it does not refute: the end of a wall that it looks along stays.
+
 A wall at the edge of a laser's view goes on beyond it, unless a place there was seen to be free.
 What moves towards the laser is expected to go on: its places of the next moments count as taken.
 
@@ -38,7 +40,7 @@ from armadico.config.profile import RobotProfile
 from armadico.mobile.admissible import View
 from armadico.mobile.geometry import Pose2
 from armadico.mobile.messages import Echo, Scan
-from armadico.mobile.scans import Flags, Floats, beside, paired, points_of, ranges_of
+from armadico.mobile.scans import Flags, Floats, beside, edge_on, paired, points_of, ranges_of
 
 KEPT_S: Final = 10.0
 """Greatest age of a point that no reading has looked through since, unless it is near."""
@@ -346,7 +348,11 @@ class Seen:
         # pass it, or are lost, would remove it for good.
         blind = away <= self._blind
         old = self._now - known[:, 2] > BETWEEN_S
-        seen &= (shown < away + 3.0 * self._noise) | (old & ~blind)
+        passed = seen & (shown >= away + 3.0 * self._noise) & old & ~blind
+        seen &= (shown < away + 3.0 * self._noise) | passed
+        if passed.any():
+            eye = self._to_world(np.array([[scan.x, scan.y]]))[0]
+            seen[passed] = ~edge_on(known[passed, :2], known[:, :2], eye, scan.step)
         points = points_of(scan)
         rear, front, half = self._footprint
         own = (rear < points[:, 0]) & (points[:, 0] < front) & (np.abs(points[:, 1]) < half)
