@@ -334,6 +334,18 @@ def test_the_end_of_a_wall_that_a_laser_looks_along_stays_until_a_scan_would_sho
     assert not known[-1], "it is gone"
 
 
+def test_a_leg_that_walks_away_from_a_laser_leaves_nothing_behind() -> None:
+    """Its places are a row along the ray, as a wall's are, but each from another scan."""
+    seen, left = Seen(jackal(720)), []
+    for number in range(1, 30):
+        x = 0.5 + 0.08 * number
+        leg = np.array([[x, -0.03, x, 0.03]])
+        seen.update((), among(leg, 0.0, number, tau), ORIGIN, 0.1 * number)
+        at = seen.view(3.0).points
+        left.append(int((at[:, 0] < x - 0.5).sum()))
+    assert max(left) == 0
+
+
 def test_what_came_nearer_than_the_least_range_of_a_laser_stays_until_it_is_farther() -> None:
     """No scan can show it there again, and rays that pass an edge or are lost do not refute it."""
     pytest.importorskip("armadico.bridge.ros2")
