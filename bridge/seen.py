@@ -19,6 +19,8 @@ are joined where the robot fits through no gap between them, and go on into unse
 Nearer than a sonar's least range it only knows that something is there: what was heard before stays
 where it was.
 
+What a scan would not show it does not refute: the end of a wall that it looks along stays.
+
 A wall at the edge of a laser's view goes on beyond it, unless a place there was seen to be free.
 What moves towards the laser is expected to go on: its places of the next moments count as taken.
 
@@ -38,7 +40,7 @@ from armadico.config.profile import RobotProfile
 from armadico.mobile.admissible import View
 from armadico.mobile.geometry import Pose2
 from armadico.mobile.messages import Echo, Scan
-from armadico.mobile.scans import Flags, Floats, beside, paired, points_of, ranges_of
+from armadico.mobile.scans import Flags, Floats, beside, edge_on, paired, points_of, ranges_of
 
 KEPT_S: Final = 10.0
 """Greatest age of a point that no reading has looked through since, unless it is near."""
@@ -177,6 +179,7 @@ class Seen:
         # one looked through from elsewhere since
         self._echoed: Floats = np.empty((0, 6))
         self._scanned: Floats = np.empty((0, 3))  # x, y, and when
+        self._rows: dict[float, Floats] = {}  # by time: all points of the scans that left some
         self._beyond: Floats = np.empty((0, 2))  # x, y, where walls leave the laser's view
         self._readings: dict[Mount, list[tuple[float, float]]] = {}  # the last two: range, when
         self._walls: dict[Mount, tuple[Floats, float]] = {}  # where they may go on, and when heard
@@ -346,7 +349,10 @@ class Seen:
         # pass it, or are lost, would remove it for good.
         blind = away <= self._blind
         old = self._now - known[:, 2] > BETWEEN_S
-        seen &= (shown < away + 3.0 * self._noise) | (old & ~blind)
+        passed = seen & (shown >= away + 3.0 * self._noise) & old & ~blind
+        seen &= (shown < away + 3.0 * self._noise) | passed
+        if passed.any():
+            seen[passed] = ~self._edge_on(known[passed], scan)
         points = points_of(scan)
         rear, front, half = self._footprint
         own = (rear < points[:, 0]) & (points[:, 0] < front) & (np.abs(points[:, 1]) < half)
@@ -354,8 +360,23 @@ class Seen:
         new = np.column_stack([self._to_world(points), np.full(len(points), self._now)])
         kept = known[~seen & ~blind], _thinned(known[~seen & blind])
         self._scanned = np.concatenate([*kept, new])
+        times = {*np.unique(self._scanned[:, 2]).tolist()}
+        rows = {**self._rows, self._now: new[:, :2]}
+        self._rows = {at: row for at, row in rows.items() if at in times}
         self._go_on(scan, ranges)
         self._follow(scan, ranges)
+
+    def _edge_on(self, points: Floats, scan: Scan) -> Flags:
+        """Which points are on a surface that the scan looks along, each by the scan that saw it.
+
+        Not by others: a person who walks away leaves a row of points.
+        """
+        eye = self._to_world(np.array([[scan.x, scan.y]]))[0]
+        found = np.zeros(len(points), dtype=np.bool_)
+        for at in np.unique(points[:, 2]).tolist():
+            its = points[:, 2] == at
+            found[its] = edge_on(points[its, :2], self._rows[at], eye, scan.step)
+        return found
 
     def _follow(self, scan: Scan, ranges: Floats) -> None:
         """Note which of a scan's points move towards the laser, by comparing two scans."""

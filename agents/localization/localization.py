@@ -85,6 +85,11 @@ SQUARE = sqrt(2.0)
 FOUND_RAD = 0.3
 """Standard deviation of the heading of a robot that has just been found, until readings tell it."""
 
+DRIVEN = 0.5
+"""A place that a search has found counts as lost until the searches after it confirm it, or until
+less than this share of `proved_m` is left: where walls are missing, the readings from one spot may
+fit another place in search after search."""
+
 TOLD = 0.5
 """Share of `unproved_m` to which readings have to narrow the bound before they prove a place: along
 a corridor without features they fit anywhere."""
@@ -632,7 +637,9 @@ class Localization(Agent):
             c = widened(c, self._filter.bound.at(found.pose[2]))
             c = c if belief.off_map else confined(c, self.p.doubt_m)
             more = max(0.0, self._least_m(belief) ** 2 - float(c[0, 0] + c[1, 1]))
-            c = c + np.diag([0.5 * more, 0.5 * more, 0.0])
+            proves = belief.unconfirmed or belief.unproved > 0.0
+            turned = max(0.0, FOUND_RAD**2 - float(c[2, 2])) if proves else 0.0
+            c = c + np.diag([0.5 * more, 0.5 * more, turned])
         self.publish(
             Correction(
                 cycle,
@@ -672,7 +679,7 @@ class Localization(Agent):
         if self._questioned:
             return self.p.adrift_m
         if self._follows:
-            unproved = belief.off_map or belief.unconfirmed or belief.unproved > 0.0
+            unproved = belief.off_map or belief.unproved > 0.0
             return max(self.p.unproved_m, belief.off_m) if unproved else 0.0
         if belief.suspect or refuted:
             # At rest no new reading can settle it: relocate makes the robot turn.
@@ -681,9 +688,12 @@ class Localization(Agent):
             adrift = rests or agree or self._filter.disproved
             return self.p.adrift_m if adrift else self.p.doubt_m
         misfits = self._filter.fit < self._confirm.found_fit
-        if (misfits and belief.unconfirmed) or (self._waits and (misfits or self._proves(belief))):
+        doubted = misfits or belief.unproved > DRIVEN * self.p.proved_m
+        if belief.unconfirmed and doubted:
+            return self.p.adrift_m  # no deviation of a place tells how far off another place is
+        if self._waits and (misfits or self._proves(belief)):
             return self.p.adrift_m
-        if belief.unconfirmed or belief.unproved > 0.0:
+        if belief.unproved > 0.0:
             return max(self.p.unproved_m, belief.off_m)
         return self.p.misfit_m if self._fit.bad else 0.0
 

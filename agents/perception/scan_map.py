@@ -3,9 +3,10 @@
 A ray is narrow and certain: its end is an obstacle, and its path is free. Of each scan the map
 keeps the nearest point of each sector and the edges, about a hundred of a thousand, since
 behaviours examine all of them. Points out of sight, behind the robot or hidden by a nearer object,
-are remembered and moved by the odometry. They go when a ray passes through them, or fade: with
-time, and with distance, as odometry drifts. A ray without a return is weak evidence, since dark and
-glass surfaces return none. A ray without a valid range is none.
+are remembered and moved by the odometry. They go when a ray passes through them, unless rays would
+pass there anyway, beside the end of a wall that is seen along it; or they fade: with time, and with
+distance, as odometry drifts. A ray without a return is weak evidence, since dark and glass surfaces
+return none. A ray without a valid range is none.
 
 All is in the body frame: x forward, y left, origin at the middle of the wheel axle; metres and
 radians.
@@ -24,7 +25,7 @@ from armadico.agents.methods.geometry import Posed
 from armadico.agents.methods.near import NO_OUTLINE, Near, Obstacle, RayResult
 from armadico.agents.methods.settings import ScanSettings
 from armadico.mobile.messages import Scan
-from armadico.mobile.scans import Flags, Floats, bearings_of, beside, ranges_of
+from armadico.mobile.scans import Flags, Floats, bearings_of, beside, edge_on, ranges_of
 from armadico.mobile.swept_path import Outline
 
 FAR_M = 1e6
@@ -88,8 +89,15 @@ class ScanMap(Near):
         self._rays = _Rays(scan.x, scan.y, scan.bearing, scan.step, ranges)
         known = self._points
         results = self._ray_results(known)
-        known[results == RayResult.NOTHING.value, 2] -= self.settings.silence
-        known = known[(results != RayResult.SEEN.value) & (results != RayResult.THROUGH.value)]
+        nothing = results == RayResult.NOTHING.value
+        passed = (results == RayResult.THROUGH.value) | nothing
+        if passed.any():
+            points = known[:, :2]
+            shown = ~edge_on(points[passed], points, (scan.x, scan.y), scan.step)
+            nothing[passed] &= shown
+            passed[passed] = shown
+        known[nothing, 2] -= self.settings.silence
+        known = known[(results != RayResult.SEEN.value) & (nothing | ~passed)]
         self._keep(np.concatenate([self._thinned(ranges, bearings), known]))
         return valid_rays
 

@@ -25,6 +25,9 @@ INVALID: Final = 0  # value of a ray: no valid range
 FREE: Final = 65535  # value of a ray: nothing within reach
 MM: Final = 1000.0
 SURFACE: Final = 0.1  # neighbours that differ by more than this share are of two surfaces
+AROUND_M: Final = 0.3  # points so near to a place may be of the same surface
+LONG_M: Final = 0.08  # and show its direction if one is so far away
+THIN_M: Final = 0.05  # by which noise may shift points of a surface across a ray
 FINEST_RAD: Final = 1e-4  # the smallest step between two rays: 62,800 per turn
 
 
@@ -194,3 +197,29 @@ def beside(
         low, high = low % whole, high % whole
     low, high = (np.where(ray < count, ray, nearest) for ray in (low, high))
     return np.where(inside, low, 0), np.where(inside, high, 0), inside
+
+
+def edge_on(places: Floats, known: Floats, eye: tuple[float, float], step: float) -> Flags:
+    """Return which places are on a surface that a scan would not show, as it looks along it.
+
+    The rays beside the end of a wall, seen along the wall, pass it on both sides. The surface is
+    told by the points that are known around a place: a row of them along the ray, and no wider
+    across it than noise and the gap between two rays.
+
+    Args:
+        places: (m, 2), m.
+        known: Points that were sensed, (n, 2), in the same frame.
+        eye: The laser's position there.
+        step: Angle from one ray to the next, rad.
+    """
+    ahead = places - eye
+    away = np.maximum(np.hypot(*ahead.T), 1e-9)
+    looks = ahead / away[:, None]
+    off = known - places[:, None]
+    along = np.abs(off[..., 0] * looks[:, :1] + off[..., 1] * looks[:, 1:])
+    across = np.abs(off[..., 1] * looks[:, :1] - off[..., 0] * looks[:, 1:])
+    near = np.hypot(along, across) < AROUND_M
+    longest = np.max(along, axis=1, where=near, initial=0.0)
+    widest = np.max(across, axis=1, where=near, initial=0.0)
+    found: Flags = (longest > LONG_M) & (widest < THIN_M + away * abs(step))
+    return found

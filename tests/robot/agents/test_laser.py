@@ -184,6 +184,25 @@ def test_hidden_points_are_remembered_and_points_seen_through_are_not() -> None:
     )
 
 
+@pytest.mark.parametrize("behind", [[], ROOM])
+def test_the_end_of_a_wall_seen_along_it_is_remembered_and_goes_with_the_wall(
+    behind: list[Wall],
+) -> None:
+    wall = [(0.6, 0.0, 2.0, 0.0)]
+    robot = Robot([*wall, *behind])
+
+    def at_its_end(pose: Pose2) -> bool:
+        obstacles = robot.cycle(pose)
+        assert obstacles is not None
+        return any(hypot(p.x + pose[0] - 0.6, p.y + pose[1]) < 0.1 for p in obstacles.points)
+
+    beside, before = (0.0, -0.4, 0.0), HERE
+    assert at_its_end(beside)
+    robot.build(behind or [(-3.0, 3.0, -3.0, -3.0)])  # as its rays go by on both sides of it
+    assert all(at_its_end(before) for _ in range(8)), "no ray would show it"
+    assert not all(at_its_end(beside) for _ in range(8)), "it is gone"
+
+
 def test_rays_without_a_return_clear_slowly_and_invalid_ones_not_at_all() -> None:
     robot = Robot(BOX)
     robot.cycle()

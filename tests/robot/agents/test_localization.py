@@ -16,6 +16,7 @@ from msgspec.structs import replace
 from armadico.agents.driving.path_planning import PathPlanning
 from armadico.agents.localization.global_search import Alternative, Place, Search, uniform_poses
 from armadico.agents.localization.localization import (
+    FOUND_RAD,
     LASER,
     SONARS,
     Confirmation,
@@ -646,20 +647,41 @@ def test_a_robot_that_was_carried_away_is_lost_and_found_where_it_was_carried_to
     assert hypot(x - pose[0], y - pose[1]) < 0.15
 
 
-def found(robot: Robot, cycles: int) -> list[float]:
-    """How unsure it is of its place, from when it was found on, m."""
+def found(robot: Robot, cycles: int) -> list[Correction]:
+    """What it publishes from when it was found on."""
     published = [
         robot.at(pose, motion, (0.0, 0.0, 0.0))[0] for pose, motion in drive(START, cycles)
     ]
-    return [(one.covariance[0] + one.covariance[3]) ** 0.5 for one in published if one.confidence]
+    return [one for one in published if one.confidence]
 
 
 @pytest.mark.long
-def test_a_place_just_found_limits_the_speed(world: str) -> None:
-    unsure = found(Robot(Parameters(world=world, start="anywhere")), 350)
-    assert unsure[0] >= Parameters().unproved_m
-    assert max(unsure) < LOST_M
-    assert unsure[-1] < UNSURE_M
+def test_a_place_just_found_counts_as_lost_at_first_and_then_limits_the_speed(world: str) -> None:
+    robot, way, ways = Robot(Parameters(world=world, start="anywhere")), 0.0, []
+    for pose, motion in drive(START, 350):
+        (one,) = robot.at(pose, motion, (0.0, 0.0, 0.0))
+        way += hypot(*motion[:2]) if one.confidence else 0.0
+        ways.append((deviation(one), way))
+    unproved = Parameters().unproved_m
+    drives = next(k for k, (off, way) in enumerate(ways) if way and off < LOST_M)
+    assert ways[drives][1] >= 0.5 * Parameters().proved_m
+    assert ways[drives][0] >= unproved
+    assert all(off < LOST_M for off, _ in ways[drives:])
+    assert ways[-1][0] < UNSURE_M
+
+
+def test_a_heading_is_no_surer_than_the_place_that_is_still_to_be_proved(world: str) -> None:
+    """Readings that fit a wrong place narrow the particles there as they do at the right one."""
+    robot, published = settled(world), []
+    robot.agent._set_lost("of a test")
+    assert robot.agent._estimate is not None
+    robot.agent._set_localized(robot.agent._estimate, 0)
+    for pose, motion in [*drive(START, 420)][200:]:
+        published += robot.at(pose, motion, pose)
+    unproved = [deviation(one) >= Parameters().unproved_m for one in published]
+    assert unproved[0]
+    assert not unproved[-1]
+    assert unproved == [sqrt(one.covariance[5]) >= FOUND_RAD for one in published]
 
 
 @pytest.mark.long
@@ -688,7 +710,7 @@ def test_a_robot_that_was_just_found_is_lost_again_if_another_place_fits_better(
         return [first if lost else Place((0.5, 0.5, 0.0), first.share, 0.5), *others]
 
     monkeypatch.setattr(Search, "places", property(elsewhere))
-    unsure = found(robot, 260)
+    unsure = [deviation(one) for one in found(robot, 260)]
     assert min(unsure) >= Parameters().unproved_m  # and never proved
     assert any(
         "fit better at (0.50, 0.50)" in m.text for m in robot.published if isinstance(m, Log)

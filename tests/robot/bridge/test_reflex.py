@@ -289,7 +289,8 @@ def among(walls: np.ndarray, x: float, number: int, around: float) -> Scan:
         away = (ax * ey - ay * ex) / (c * ey - s * ex)
         along = (ax * s - ay * c) / (c * ey - s * ex)
     hit = (away > 0.0) & (along >= 0.0) & (along <= 1.0)
-    return scan_of(np.where(hit, away, 20.0).min(axis=1).tolist(), number, around)
+    ranges = np.where(hit, away, 20.0).min(axis=1, initial=20.0)
+    return scan_of(ranges.tolist(), number, around)
 
 
 def test_a_wall_that_leaves_the_view_of_a_laser_goes_on() -> None:
@@ -317,6 +318,32 @@ def test_a_thin_object_stays_between_two_scans_that_show_it() -> None:
         speeds.append(reflex.cap(1.0, 0.0)[0])
     assert max(speeds[1:5]) < 1.0
     assert speeds[-1] == 1.0, "it is gone"
+
+
+def test_the_end_of_a_wall_that_a_laser_looks_along_stays_until_a_scan_would_show_it() -> None:
+    profile = jackal(720)
+    seen, known = Seen(profile), []
+    wall, nothing = np.array([[0.6, 0.0, 2.0, 0.0]]), np.empty((0, 4))
+    places = [(-0.4, wall)] * 2 + [(0.0, nothing)] * 8 + [(-0.4, nothing)] * 8
+    for number, (y, walls) in enumerate(places, 1):
+        scan = among(walls - (0.0, y, 0.0, y), 0.0, number, tau)
+        seen.update((), scan, (0.0, y, 0.0), 0.1 * number)
+        at = seen.view(1.0).points
+        known.append(bool((np.hypot(at[:, 0] - 0.6, at[:, 1] + y) < 0.03).any()))
+    assert all(known[:10]), "its rays pass the end on both sides"
+    assert not known[-1], "it is gone"
+
+
+def test_a_leg_that_walks_away_from_a_laser_leaves_nothing_behind() -> None:
+    """Its places are a row along the ray, as a wall's are, but each from another scan."""
+    seen, left = Seen(jackal(720)), []
+    for number in range(1, 30):
+        x = 0.5 + 0.08 * number
+        leg = np.array([[x, -0.03, x, 0.03]])
+        seen.update((), among(leg, 0.0, number, tau), ORIGIN, 0.1 * number)
+        at = seen.view(3.0).points
+        left.append(int((at[:, 0] < x - 0.5).sum()))
+    assert max(left) == 0
 
 
 def test_what_came_nearer_than_the_least_range_of_a_laser_stays_until_it_is_farther() -> None:
