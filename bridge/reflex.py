@@ -45,11 +45,7 @@ def reaction_s(profile: RobotProfile) -> float:
 
 
 class Reflex:
-    """Limits each command to what the newest readings admit.
-
-    Attributes:
-        why: Why the last command was changed, for people; "": it was not.
-    """
+    """Limits each command to what the newest readings admit."""
 
     def __init__(self, profile: RobotProfile) -> None:
         """Raises ConfigError if its ramps and delays would let the robot do nothing."""
@@ -71,7 +67,7 @@ class Reflex:
         self._measured: tuple[Speeds, Speeds] = ((0.0, 0.0), (0.0, 0.0))  # a cycle ago, and now
         self._ramped: Speeds = (0.0, 0.0)  # where the ramps are, by what was driven
         self._now = 0.0
-        self.why = ""
+        self.why = ""  # why the last command was changed, for people; "": it was not
         self._capped: tuple[Speeds, Speeds] | None = None  # commanded, and obeyed
         self._count = 0
         self._reported_at = -inf

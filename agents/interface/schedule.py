@@ -45,13 +45,9 @@ HEEDED_M_S: Final = 0.01
 
 @dataclass
 class Schedule:
-    """The due time of one mission.
+    """The due time of one mission."""
 
-    Attributes:
-        due_at: When it is due, s; inf: there is no mission.
-    """
-
-    due_at: float = inf
+    due_at: float = inf  # when it is due, s; inf: there is no mission
     _pace: float = PACE_M_S
     _at: float = 0.0
     _to_go: float = 0.0

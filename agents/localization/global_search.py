@@ -120,40 +120,27 @@ class PastReading(NamedTuple):
 
 
 class Place(Struct, frozen=True):
-    """A pose where the robot may be, by a stretch of its drive.
+    """A pose where the robot may be, by a stretch of its drive."""
 
-    Attributes:
-        pose: m, m, rad.
-        share: Its share of the weight of all places, 0 to 1.
-        fit: The geometric mean of the echoes' likelihoods there.
-    """
-
-    pose: Pose2
-    share: float
-    fit: float
+    pose: Pose2  # m, m, rad
+    share: float  # its share of the weight of all places, 0 to 1
+    fit: float  # the geometric mean of the echoes' likelihoods there
 
 
 class Alternative(Struct, frozen=True):
     """How much better another place explains the newest readings.
 
     A generalized likelihood ratio: over all other places, and over the moment of a kidnapping.
-
-    Attributes:
-        pose: That place: m, m, rad.
-        odds: Log-likelihood ratio of that place to the filter's particles, each echo with the
-            filter's exponent, over the number of newest readings that maximizes it.
-        readings: That number.
-        fit: The geometric mean of their likelihoods at that place.
-        stay_fit: The same at the filter's particles.
-        throughout: The log-likelihood ratio of the best place over the whole stretch.
     """
 
-    pose: Pose2
+    pose: Pose2  # that place: m, m, rad
+    # Log-likelihood ratio of that place to the filter's particles, each echo with the filter's
+    # exponent, over the number of newest readings that maximizes it.
     odds: float
-    readings: int
-    fit: float
-    stay_fit: float
-    throughout: float
+    readings: int  # that number
+    fit: float  # the geometric mean of their likelihoods at that place
+    stay_fit: float  # the same at the filter's particles
+    throughout: float  # the log-likelihood ratio of the best place over the whole stretch
 
 
 class History:

@@ -116,19 +116,12 @@ LASER: Final = Settings(
 
 
 class Estimate(Struct, frozen=True):
-    """The pose estimate of the particles.
+    """The pose estimate of the particles."""
 
-    Attributes:
-        pose: The mean of the largest cluster: m, m, rad.
-        covariance: Of x, y and heading, (3, 3), in and around that cluster.
-        share: Share of the weight in the cluster, 0 to 1.
-        fit: The geometric mean of the newest readings' likelihoods at the particles.
-    """
-
-    pose: Pose2
-    covariance: NDArray[np.float64]
-    share: float
-    fit: float
+    pose: Pose2  # the mean of the largest cluster: m, m, rad
+    covariance: NDArray[np.float64]  # of x, y and heading, (3, 3), in and around that cluster
+    share: float  # share of the weight in the cluster, 0 to 1
+    fit: float  # the geometric mean of the newest readings' likelihoods at the particles
 
     @property
     def axes_m(self) -> tuple[float, float]:

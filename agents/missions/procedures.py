@@ -52,19 +52,12 @@ NOTE_MOST: Final = 200  # characters of a step's result that are stored
 
 @dataclass(frozen=True)
 class Outlook:
-    """A mission after an update.
+    """A mission after an update."""
 
-    Attributes:
-        course: Its progress.
-        request: The current request of its task; None: the mission has ended.
-        events: To be published.
-        failed: The reason of its failure; None: it goes on, or is done.
-    """
-
-    course: Course
-    request: Request | None = None
-    events: tuple[Message, ...] = ()
-    failed: str | None = None
+    course: Course  # its progress
+    request: Request | None = None  # the current request of its task; None: the mission has ended
+    events: tuple[Message, ...] = ()  # to be published
+    failed: str | None = None  # the reason of its failure; None: it goes on, or is done
 
 
 def advance(

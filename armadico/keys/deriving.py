@@ -47,17 +47,12 @@ from armadico.keys.rights import (
 
 @dataclass(frozen=True)
 class Subject:
-    """One identity, and the classes whose declarations give its rights.
+    """One identity, and the classes whose declarations give its rights."""
 
-    Attributes:
-        name: The identity within its namespace: `goto`, `goto+avoid`, `page`, `person-ada`.
-        agents: The classes of its agents, by name.
-        guest: What it is besides, if it is no agent.
-    """
-
-    name: str
+    name: str  # the identity within its namespace: `goto`, `goto+avoid`, `page`, `person-ada`
+    # The classes of its agents, by name.
     agents: Mapping[str, type[Individual]] = field(default_factory=dict)
-    guest: type[Guest] | None = None
+    guest: type[Guest] | None = None  # what it is besides, if it is no agent
 
     @property
     def speakers(self) -> tuple[str, ...]:

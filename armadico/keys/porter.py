@@ -75,17 +75,11 @@ ACCEPTS: Final = 32
 
 @dataclass(eq=False, slots=True)
 class Newcomer:
-    """A connection that has not introduced itself.
+    """A connection that has not introduced itself."""
 
-    Attributes:
-        outer: The connection; with TLS once its handshake has begun.
-        peer: Its address.
-        asks: It asks for a new certificate, and gets nothing else.
-    """
-
-    outer: socket.socket
-    peer: str
-    asks: bool = False
+    outer: socket.socket  # the connection; with TLS once its handshake has begun
+    peer: str  # its address
+    asks: bool = False  # it asks for a new certificate, and gets nothing else
 
 
 class Porter:

@@ -32,12 +32,6 @@ class Latching:
     """One stop or one release: the message to publish, and the outcome.
 
     Sans-IO: the robot agent's states and the time go in.
-
-    Attributes:
-        known: The stop in the robot agent's newest state; None without a state.
-        latched: Whether the robot agent has acknowledged the stop for `HELD_S`.
-        done: Whether the robot is stopped and its wheels rest, or it is released.
-        refusal: Why it cannot be done.
     """
 
     def __init__(self, *, stopped: bool, by: str, press: int, code: str | None = None) -> None:
@@ -49,10 +43,11 @@ class Latching:
             press: The random number of this stop. A release uses that of the stop it releases.
             code: The code of the only stop to release; None: any.
         """
+        # The stop in the robot agent's newest state; None without a state.
         self.known: Stop | None = None
-        self.latched = False
-        self.done = False
-        self.refusal = ""
+        self.latched = False  # whether the robot agent has acknowledged the stop for `HELD_S`
+        self.done = False  # whether the robot is stopped and its wheels rest, or it is released
+        self.refusal = ""  # why it cannot be done
         self._stopped, self._by, self._press, self._code = stopped, by, press, code
         self._release: Stop | None = None
         self._blind = 0  # calls since the last new state

@@ -14,14 +14,10 @@ LATER_S: Final = 1.0  # the longest pause after refusals, s: each attempt costs 
 
 
 class Refusals:
-    """The refusals of a client's routers.
-
-    Attributes:
-        pause: How long to wait before the next attempt, s.
-    """
+    """The refusals of a client's routers."""
 
     def __init__(self, namespace: str, where: Topology) -> None:
-        self.pause = AGAIN_S
+        self.pause = AGAIN_S  # how long to wait before the next attempt, s
         self._namespace, self._where = namespace, where
         self._why: dict[str, str] = {}  # by endpoint; "": it accepted the handshake alone
         self._accepted: set[str] = set()  # endpoints that did not object to the identity either

@@ -342,18 +342,13 @@ def _has_open(pid: int, path: Path) -> bool:
 
 
 class Stopped(NamedTuple):
-    """Which processes of this computer have the order to stop a robot.
+    """Which processes of this computer have the order to stop a robot."""
 
-    Attributes:
-        pid: The robot agent's, or that of `armadico up`, which passes it on; None without one: it
-            is not there, not this user's, or the signal would end it.
-        guard: The guard's answer; None without one.
-        latched: The robot agent has latched the stop, by what it told its guard.
-    """
-
+    # The robot agent's, or that of `armadico up`, which passes it on; None without one: it is not
+    # there, not this user's, or the signal would end it.
     pid: int | None
-    guard: Guard | None = None
-    latched: bool = False
+    guard: Guard | None = None  # the guard's answer; None without one
+    latched: bool = False  # the robot agent has latched the stop, by what it told its guard
 
 
 def stop(namespace: str, within: float = LATCHES_S) -> Stopped:

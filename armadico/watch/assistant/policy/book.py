@@ -17,11 +17,7 @@ MOVE: Final = "a person has to look at it, and to move it away"
 
 
 class Book:
-    """Appends to the log, publishes its end, and ends approvals that the log does not prove.
-
-    Attributes:
-        fault: Why the log cannot be used, so that nothing is allowed; "": it can, or there is none.
-    """
+    """Appends to the log, publishes its end, and ends approvals that the log does not prove."""
 
     def __init__(
         self,
@@ -45,6 +41,7 @@ class Book:
             publish: Publishes a message.
             log: Logs a line for people at a level.
         """
+        # Why the log cannot be used, so that nothing is allowed; "": it can, or there is none.
         self.fault = ""
         self._path, self._approvals, self._by = path, known, by
         self._hears, self._stamp, self._publish, self._log = hears, stamp, publish, log
