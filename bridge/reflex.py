@@ -83,13 +83,9 @@ class Reflex:
     ) -> None:
         """Add one cycle's readings.
 
-        Args:
-            echoes: Of the sonars that fired.
-            pose: Odometry (m, m, rad), continuous.
-            measured: (v, w) by the wheels, m/s and rad/s.
-            now: s.
-            scan: A laser's scan; None: none arrived.
-            driven: The (v, w) that were commanded since the last cycle.
+        The echoes are of the sonars that fired, the pose is the continuous odometry (m, m, rad),
+        `measured` (v, w) by the wheels, m/s and rad/s. The (v, w) `driven` were commanded since the
+        last cycle.
         """
         self._seen.update(echoes, scan, pose, now)
         self._ramped = ramped(self._body, self._ramped, driven, max(0.0, now - self._now))
@@ -177,11 +173,9 @@ class Touch:
     ) -> bool:
         """Add a cycle's report; return whether a new obstacle is touched.
 
-        Args:
-            report: By the robot; its odometry distinguishes places.
-            ordered: (v, w) commanded since the last one, m/s and rad/s.
-            now: s.
-            held: Whether it stands although it is commanded, and has obeyed before.
+        The report's odometry distinguishes places. `ordered` (v, w) was commanded since the last
+        one, m/s and rad/s. `held`: the robot stands although it is commanded, and has obeyed
+        before.
         """
         ahead, behind = self._bumpers = self._pressed(report)
         if held or ahead or behind or report.stalled:

@@ -146,10 +146,8 @@ def wanted_of(state: RobotState | None) -> float:
 def delay(state: RobotState | None, pose: Pose | None, waits: str | None) -> str:
     """Return what delays the robot now, by what the interface agent itself has received.
 
-    Args:
-        state: The robot's; None: there is no fresh one.
-        pose: None: there is no fresh one.
-        waits: Why no path is free; None: there is a path.
+    State and pose are None if there is no fresh one. `waits` is why no path is free; None: there is
+    one.
     """
     if state is None:
         return "no message from the robot"

@@ -90,11 +90,8 @@ class Model(Protocol):
     ) -> NDArray[np.float32]:
         """The likelihood of each reading at each pose, (poses, echoes); the greatest is 1.
 
-        Args:
-            poses: (n, 3): m, m, rad.
-            echoes: The readings.
-            coarse: The poses are guesses that lie far apart.
-            excused: A range shorter than the map's counts little against a pose.
+        Poses are (n, 3): m, m, rad. With `coarse` they are guesses that lie far apart; with
+        `excused` a range shorter than the map's counts little against a pose.
         """
 
 
@@ -288,13 +285,10 @@ class Search:
     def alternative(self, here: Pose2, trust: float) -> Alternative | None:
         """The best other place; None if all places are near this one.
 
-        At this place ranges that are too short are excused: an unmapped box explains them as well
-        as another place does. Only echoes from behind the map's walls, or from farther than
-        anything that should have answered, are evidence against this place.
-
-        Args:
-            here: The filter's present estimate: m, m, rad.
-            trust: Exponent of an echo's likelihood in the filter.
+        At `here` (m, m, rad), the filter's present estimate, ranges that are too short are excused:
+        an unmapped box explains them as well as another place does. Only echoes from behind the
+        map's walls, or from farther than anything that should have answered, are evidence against
+        it. `trust` is the exponent of an echo's likelihood in the filter.
         """
         places = self.places
         others = [k for k, place in enumerate(places) if apart(place.pose, here)]
@@ -323,12 +317,9 @@ class Search:
     def staying(self, here: Pose2, odds: float) -> Place | None:
         """The best pose near `here`, with a prior that favours it; None if there is no result.
 
-        Its share excuses ranges that are too short, as in `alternative`. Its fit does not: in a
-        hall all echoes in a closet are too short, and would fit.
-
-        Args:
-            here: The present pose if the robot was not moved: m, m, rad.
-            odds: Prior odds of that place to each other one.
+        `here` is the present pose if the robot was not moved, m, m, rad, with prior `odds` to each
+        other place. Its share excuses ranges that are too short, as in `alternative`. Its fit does
+        not: in a hall all echoes in a closet are too short, and would fit.
         """
         if not len(self._logs):
             return None

@@ -915,13 +915,9 @@ def _place(pose: Sequence[float]) -> str:
 def as_fired(echoes: Sequence[Echo], motion: Pose2, share: float) -> list[Echo]:
     """The echoes with each sonar mounted where it was when it fired, in the present body frame.
 
-    The sonars fire one after the other, the last on average half a period ago. At 0.5 m/s and
-    40 ms the shift is 2 cm per sonar, always in the same direction.
-
-    Args:
-        echoes: In firing order.
-        motion: During this cycle: m, m, rad.
-        share: Period from one ping to the next, in cycles.
+    The sonars fire one after the other, the last on average half a period ago; `share` is the
+    period from ping to ping in cycles, `motion` (m, m, rad) that of this cycle. At 0.5 m/s and 40
+    ms the shift is 2 cm per sonar, always in the same direction.
     """
     x, y, turn = motion
     shifted = []

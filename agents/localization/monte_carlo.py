@@ -255,10 +255,9 @@ class MonteCarlo:
     ) -> None:
         """Add the random errors of a motion to a share of the particles.
 
-        Args:
-            covariance: (3, 3) in the robot's frame; None: no errors.
-            share: If it is not 1, the bound stays as it is.
-            moved: A motion of this share, in the robot's frame, m, m, rad.
+        The covariance is (3, 3) in the robot's frame; None: no errors. If the share is not 1, the
+        bound stays as it is, and `moved` is a motion of this share, in the robot's frame, m, m,
+        rad.
         """
         if covariance is None or not len(self.poses):
             return

@@ -136,11 +136,8 @@ class Errand:
     def go(self, goal: Waypoint, pose: Pose, v: float = 0.0, why: str = "") -> None:
         """Begin: request a path from where the robot will soon be.
 
-        Args:
-            goal: The goal pose in the world frame.
-            pose: The robot's pose.
-            v: Its speed by the wheels, m/s.
-            why: The reason in the planner's log.
+        The goal is in the world frame; `v` is the speed by the wheels, m/s; `why` is the reason in
+        the planner's log.
         """
         self.pause()
         self.goal = goal

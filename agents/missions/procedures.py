@@ -70,13 +70,8 @@ def advance(
 ) -> Outlook:
     """Advance a mission after `seconds` more of work.
 
-    Args:
-        mission: Its procedures.
-        course: Its progress so far.
-        beliefs: The present estimates.
-        seconds: The time at work since the last update, s.
-        state: The progress of the task's request.
-        note: The reason if that has failed; of one that is done, why that is unknown.
+    `state` is the progress of the task's request, and `note` the reason if that has failed; of one
+    that is done, why that is unknown.
     """
     return _Update(mission, course, beliefs).run(seconds, state, note)
 

@@ -44,12 +44,8 @@ class Proposer:
     ) -> None:
         """Begin without an award.
 
-        Args:
-            resource: The resource.
-            instance: The agent's instance.
-            clock: The resource's cycles.
-            told: What `share` is: the last award's, or always 1 (yes) or 0 (no).
-            offers: Adds what the arbiter needs beside a bid to its proposal.
+        `told` is what `share` is: the last award's, or always 1 (yes) or 0 (no). `offers` adds what
+        the arbiter needs beside a bid to its proposal.
         """
         self.resource = resource
         self.instance = instance

@@ -70,9 +70,7 @@ class Endpoints:
     def door(self, name: str = "", *, router: bool = False) -> Door | None:
         """Return the identity of a process; None if the society is open. Raises ConfigError.
 
-        Args:
-            name: As in `armadico.mesh.door`; by default the person's who runs this program.
-            router: Whether the process is the robot's router.
+        By default it has the name of the person who runs this program (`armadico.mesh.door`).
         """
         folder = self.keys
         if folder is None:

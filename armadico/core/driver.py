@@ -118,11 +118,8 @@ class Driver:
     ) -> None:
         """Begin admission.
 
-        Args:
-            agent: The agent to run.
-            now: The time, s.
-            admit: False: the agent joins without admission.
-            wall: Returns wall time for the card, s since 1970: for people only.
+        Without `admit` the agent joins without admission. `wall` returns wall time for the card, s
+        since 1970: for people only.
         """
         self.agent = agent
         self.kernel = agent.kernel

@@ -65,13 +65,10 @@ class RightsError(ValueError):
 
 
 def table(subjects: Sequence[Subject], robot: str = "") -> Table:
-    """Return the rights of all identities.
+    """Return the rights of all identities, the robot's included.
 
-    Args:
-        subjects: All identities, the robot's included.
-        robot: What keys between robots call it: the last part of its namespace.
-
-    Raises RightsError if what two identities publish cannot be told apart.
+    Keys between robots call it `robot`: the last part of its namespace. Raises RightsError if what
+    two identities publish cannot be told apart.
     """
     _check(subjects)
     found: dict[tuple[str, Does, str], Because] = {}

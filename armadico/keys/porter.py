@@ -92,16 +92,7 @@ class Porter:
         store: Store,
         router: Path,
     ) -> None:
-        """Begin.
-
-        Args:
-            listening: The sockets to accept connections on.
-            namespace: The robot's.
-            store: The keys of this computer.
-            router: The router's socket.
-
-        Raises ConfigError if the keys cannot be used.
-        """
+        """Accept connections on `listening`. Raises ConfigError if the keys cannot be used."""
         self._router = router
         self._links_file = router.with_suffix(LINKS)
         self._listed: list[tuple[str, float, float]] = []

@@ -35,13 +35,10 @@ class Latching:
     """
 
     def __init__(self, *, stopped: bool, by: str, press: int, code: str | None = None) -> None:
-        """Begin.
+        """Begin to stop the robot, or to release it.
 
-        Args:
-            stopped: True to stop the robot, False to release it.
-            by: The person or program, for people.
-            press: The random number of this stop. A release uses that of the stop it releases.
-            code: The code of the only stop to release; None: any.
+        `by` is the person or program, for people; `press` the random number of this stop, or of the
+        one that is released; `code` that of the only stop to release, None: any.
         """
         # The stop in the robot agent's newest state; None without a state.
         self.known: Stop | None = None

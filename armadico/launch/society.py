@@ -166,13 +166,9 @@ def checked_arbiters(
 ) -> tuple[str, ...]:
     """The arbiters of the chosen coordinations, which may have none.
 
-    Args:
-        options: The options of the run.
-        taking: The agents of this host.
-        everywhere: Those of all hosts.
-
-    Raises UnknownNameError, and ConfigError if one of the agents lacks what a coordination needs,
-    if two decide about the same, or one about nothing, or another arbiter takes part.
+    The agents of this host are `taking`, those of all hosts `everywhere`. Raises UnknownNameError,
+    and ConfigError if one of the agents lacks what a coordination needs, if two decide about the
+    same, or one about nothing, or another arbiter takes part.
     """
     known = coordinations(options.coordination)
     found = tuple(each.arbiter for each in known.values() if each.arbiter)

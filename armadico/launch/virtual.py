@@ -89,13 +89,9 @@ class Rehearsal(RobotRun):
     ) -> None:
         """Start all agents.
 
-        Args:
-            scenario: The scenario.
-            options: Its options.
-            clock: Returns a clock for each process, by its agent's name.
-            mesh: The network; None: the default one with the options' seed.
-            hosts: Machines with a wakeup agent each, which start their share and keep it running
-                as `armadico up` does; None: no agent is restarted.
+        `clock` returns a clock for each process, by its agent's name. Machines in `hosts` have a
+        wakeup agent each, which starts their share and keeps it running as `armadico up` does;
+        None: no agent is restarted.
         """
         self.mesh = VirtualMesh(options.seed) if mesh is None else mesh
         self.namespace = options.namespace

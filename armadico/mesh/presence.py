@@ -55,10 +55,9 @@ class Presence:
     ) -> None:
         """Begin without agents.
 
-        Args:
-            changed: Called when an agent appears or disappears.
-            router_changed: Called when the robot's router becomes reachable or unreachable.
-            reachable: Whether the router is reachable at the beginning; this is not reported.
+        `changed` is called when an agent appears or disappears, `router_changed` when the robot's
+        router becomes reachable or unreachable. What is `reachable` at the beginning is not
+        reported.
         """
         # Whether this process is linked to the robot's router, or is the router.
         self.reachable = reachable

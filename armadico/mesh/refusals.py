@@ -53,11 +53,7 @@ class Refusals:
         self._accepted.clear()
 
     def why(self, joining: str = "") -> str:
-        """Return why a router that is there lets this process not in; "" if that is not known.
-
-        Args:
-            joining: The router that is being joined, as people read it.
-        """
+        """Why a router, named `joining`, lets this process not in; "" if that is not known."""
         path = sockets.socket_of(self._namespace) if self._where.socket else None
         here = path is not None and sockets.holder(path) is not None
         door, folder = self._where.door, sockets.keys_here(self._namespace) if here else None

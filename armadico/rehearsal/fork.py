@@ -108,14 +108,9 @@ def fork(
 ) -> Fork | Judgement:
     """The virtual society of a present with an errand; or why there can be none.
 
-    Args:
-        now: The present.
-        errand: What is to be rehearsed.
-        world: The map in place of the one that the society names.
-        made: The file of the map that the society makes meanwhile (`Present.grid`).
-
-    Raises ConfigError for an errand that this society cannot have: an agent that does not take
-    part, a parameter that there is not, a mission's file.
+    `world` replaces the map that the society names; `made` is the file of the one that it makes
+    meanwhile (`Present.grid`). Raises ConfigError for an errand that this society cannot have: an
+    agent that does not take part, a parameter that there is not, a mission's file.
     """
     if now.agents:
         _check_names(now, errand)

@@ -57,10 +57,7 @@ class Odometry(Continuous):
     def update(self, here: Measured, stamp: float, now: float) -> tuple[Pose, Measured]:
         """Add an odometry and return the continuous pose, and the odometry with its speeds.
 
-        Args:
-            here: What the message has.
-            stamp: Its time by the robot's clock, s.
-            now: When it was received, s.
+        Its stamp is by the robot's clock, s.
         """
         last, elapsed, passed = self._last, now - self._at, stamp - self._stamp
         self._last, self._at, self._stamp = here, now, stamp

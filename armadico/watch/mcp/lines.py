@@ -332,12 +332,9 @@ def refused(code: int, why: str) -> bytes:
 def mismatch(data: bytes, headers: Mapping[str, str]) -> bytes | None:
     """Return the error of a body that its HTTP headers contradict; None if they agree.
 
-    Those of the stateless version repeat the body, so that proxies need not read it. Others have
-    the version's header alone, or none. A body that cannot be read is left to `Lines`.
-
-    Args:
-        data: The body.
-        headers: By names in lower case; repeated ones joined by commas.
+    Headers of the stateless version repeat the body, so that proxies need not read it. Others have
+    the version's header alone, or none. A body that cannot be read is left to `Lines`. The names
+    are in lower case, and repeated headers joined by commas.
     """
     try:
         body = msgspec.json.decode(data, type=_Outline)

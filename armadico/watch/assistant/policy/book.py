@@ -32,14 +32,9 @@ class Book:
     ) -> None:
         """Open the log, and take its approvals for always as not proved yet.
 
-        Args:
-            path: The file; "": there is no log.
-            known: The approvals.
-            by: The instance that writes.
-            hears: Returns whether the society may still tell what it knows of the log.
-            stamp: Returns the local time with its offset, ISO 8601.
-            publish: Publishes a message.
-            log: Logs a line for people at a level.
+        Without a path there is no log. `by` is the instance that writes; `hears` returns whether
+        the society may still tell what it knows of the log; `stamp` returns the local time with its
+        offset, ISO 8601; `log` logs a line for people at a level.
         """
         # Why the log cannot be used, so that nothing is allowed; "": it can, or there is none.
         self.fault = ""

@@ -145,9 +145,8 @@ class LogFile:
     def hear(self, entries: int, head: str) -> tuple[Entry | None, tuple[Entry, ...]]:
         """Compare the file with what the society knows, the number of entries and the last hash.
 
-        Returns:
-            The entry to append, if they differ: `CUT`, after which no approval for always counts,
-            or `BEYOND`; and the approvals beyond what the society knows, which count no more.
+        If they differ, return the entry to append, `CUT`, after which no approval for always
+        counts, or `BEYOND`; and the approvals beyond what the society knows, which count no more.
         """
         if self.skip and entries <= self.skip:
             return None, ()

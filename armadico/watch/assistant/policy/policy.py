@@ -227,9 +227,7 @@ NO_POLICY: Final = Policy(NO_RULES, {})
 def load(path: Path | str, world: World | None = None) -> Policy:
     """Read a policy file. Raises ConfigError.
 
-    Args:
-        path: The file.
-        world: The map that its rooms are on, and that shows what is no person; None: no map.
+    Its rooms are on the map `world`, which shows what is no person; None: no map.
     """
     return read(read_text(path, LONGEST), path, world)
 

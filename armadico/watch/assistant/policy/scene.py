@@ -65,11 +65,8 @@ class Scene:
     ) -> str:
         """Why a path from here is refused; "" if it is not.
 
-        Args:
-            rules: Those of the client.
-            path: The places that it leads over, m, without the robot's.
-            what: Its name.
-            legs: Whether it is straight from here to these places; they alone count otherwise.
+        The path, with the name `what`, leads over places (m), without the robot's. `legs`: it is
+        straight from here to them; they alone count otherwise.
         """
         if not rules.needs_path:
             return ""
