@@ -164,11 +164,7 @@ def robots_here() -> list[str]:
     routers = [p.name.removesuffix(".sock.lock") for p in where.glob("*.sock.lock") if is_held(p)]
     shares = [p.name.rpartition("@")[0] for p in where.glob("*@*.json") if is_held(p)]
     names = {name for name in routers if not re.fullmatch(_SHORTENED, name)} | {*shares}
-    return sorted(re.sub("%([0-9a-f]{2})", _character, name) for name in names)
-
-
-def _character(escaped: re.Match[str]) -> str:
-    return chr(int(escaped[1], 16))
+    return sorted(re.sub("%([0-9a-f]{2})", lambda c: chr(int(c[1], 16)), name) for name in names)
 
 
 def socket_of(namespace: str) -> Path:

@@ -162,11 +162,10 @@ class FleetRehearsal(FleetRun):
         options: Options,
         robots: int | None = None,
         fleet: str = FLEET,
-        mesh: VirtualMesh | None = None,
     ) -> None:
         """Start all processes. Raises ConfigError for an impossible number of robots."""
         super().__init__(scenario, options, fleet)
-        self.mesh = VirtualMesh(options.seed) if mesh is None else mesh
+        self.mesh = VirtualMesh(options.seed)
         ones = robots_of(scenario, robots)
         self.robots: dict[str, Rehearsal] = {}
         for name, one in zip(names_of(fleet, len(ones)), ones, strict=True):
