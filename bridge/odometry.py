@@ -22,16 +22,12 @@ class Continuous:
 
     A step that the speeds do not explain is a reset: the pose stays and continues from there. The
     robot's axes may then differ from the pose's, so its steps are rotated into the pose's.
-
-    Attributes:
-        pose: In the odometry's frame, m, m, rad (not wrapped).
-        resets: Number of resets so far.
     """
 
     def __init__(self, cycle_s: float) -> None:
         """Start at the frame's origin; the robot reports once in `cycle_s` (s)."""
-        self.pose = Pose()
-        self.resets = 0
+        self.pose = Pose()  # in the odometry's frame, m, m, rad (not wrapped)
+        self.resets = 0  # number of resets so far
         self._reach_s = SPARE_CYCLES * cycle_s
         self._axes = (1.0, 0.0)  # cosine and sine of the pose's heading less the robot's
 

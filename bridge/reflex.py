@@ -45,11 +45,7 @@ def reaction_s(profile: RobotProfile) -> float:
 
 
 class Reflex:
-    """Limits each command to what the newest readings admit.
-
-    Attributes:
-        why: Why the last command was changed, for people; "": it was not.
-    """
+    """Limits each command to what the newest readings admit."""
 
     def __init__(self, profile: RobotProfile) -> None:
         """Raises ConfigError if its ramps and delays would let the robot do nothing."""
@@ -71,7 +67,7 @@ class Reflex:
         self._measured: tuple[Speeds, Speeds] = ((0.0, 0.0), (0.0, 0.0))  # a cycle ago, and now
         self._ramped: Speeds = (0.0, 0.0)  # where the ramps are, by what was driven
         self._now = 0.0
-        self.why = ""
+        self.why = ""  # why the last command was changed, for people; "": it was not
         self._capped: tuple[Speeds, Speeds] | None = None  # commanded, and obeyed
         self._count = 0
         self._reported_at = -inf
@@ -87,13 +83,9 @@ class Reflex:
     ) -> None:
         """Add one cycle's readings.
 
-        Args:
-            echoes: Of the sonars that fired.
-            pose: Odometry (m, m, rad), continuous.
-            measured: (v, w) by the wheels, m/s and rad/s.
-            now: s.
-            scan: A laser's scan; None: none arrived.
-            driven: The (v, w) that were commanded since the last cycle.
+        The echoes are of the sonars that fired, the pose is the continuous odometry (m, m, rad),
+        `measured` (v, w) by the wheels, m/s and rad/s. The (v, w) `driven` were commanded since the
+        last cycle.
         """
         self._seen.update(echoes, scan, pose, now)
         self._ramped = ramped(self._body, self._ramped, driven, max(0.0, now - self._now))
@@ -181,11 +173,9 @@ class Touch:
     ) -> bool:
         """Add a cycle's report; return whether a new obstacle is touched.
 
-        Args:
-            report: By the robot; its odometry distinguishes places.
-            ordered: (v, w) commanded since the last one, m/s and rad/s.
-            now: s.
-            held: Whether it stands although it is commanded, and has obeyed before.
+        The report's odometry distinguishes places. `ordered` (v, w) was commanded since the last
+        one, m/s and rad/s. `held`: the robot stands although it is commanded, and has obeyed
+        before.
         """
         ahead, behind = self._bumpers = self._pressed(report)
         if held or ahead or behind or report.stalled:

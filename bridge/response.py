@@ -119,10 +119,7 @@ class Response:
     def update(self, report: Reported, ordered: tuple[float, float], now: float) -> bool:
         """Add one cycle's report; return whether a fault was found now.
 
-        Args:
-            report: By the robot.
-            ordered: (v, w) commanded since the last one, m/s and rad/s.
-            now: s.
+        `ordered` (v, w) was commanded since the last one, m/s and rad/s.
         """
         passed, self._at = now - self._at, now
         by_poses = self._speeds(report.pose, now)

@@ -91,9 +91,7 @@ class TcpTransport:
 def open_serial(url: str) -> Transport:
     """Open `serial:///dev/ttyUSB0?baud=9600`.
 
-    Raises:
-        ValueError: The address is invalid.
-        TransportError: It cannot be opened; the message has a remedy.
+    Raises ValueError for an invalid address, TransportError if it cannot be opened.
     """
     parts = urlsplit(url)
     if not parts.path:

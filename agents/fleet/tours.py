@@ -168,15 +168,9 @@ class Tours:
         """Return the bids: for all held tasks, and for one more.
 
         By another mechanism than ballots it bids for all open tasks, and which robot holds them is
-        of no account; the first number of an action is then the time to go there directly.
-
-        Args:
-            sharing: Which robot holds which task.
-            here: The robot's position, m.
-            order: The held tasks, in order.
-            barred: Tasks that are not wanted.
-            first_s: The remaining time to the first task, s, if known.
-            pinned: Whether the robot is driving to the first task.
+        of no account; the first number of an action is then the time to go there directly. The
+        robot is `here`, m, and holds tasks in `order`; `barred` ones are not wanted. The first one
+        takes `first_s` more, if known, and is `pinned` if the robot is driving to it.
         """
         times = self.times(here, order, first_s)
         finish = times[-1] + self.looks[order[-1]] if order else 0.0

@@ -147,50 +147,29 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Replan:
-    """The state of replanning.
+    """The state of replanning."""
 
-    Attributes:
-        why: The reason; empty: there was no request yet.
-        pending: Whether the reply is still to come.
-        not_before: The earliest time of the next request, s.
-    """
-
-    why: str = ""
-    pending: bool = False
-    not_before: float = -inf
+    why: str = ""  # the reason; empty: there was no request yet
+    pending: bool = False  # whether the reply is still to come
+    not_before: float = -inf  # the earliest time of the next request, s
 
 
 @dataclass
 class Mission:
-    """The mission that is driven, or was last.
+    """The mission that is driven, or was last."""
 
-    Attributes:
-        number: Its number; 0: there was none yet.
-        route: Its path, and the robot's progress on it.
-        revision: Of the map that the path lies on.
-        rule: For plans made under way.
-        planned: Whether its path comes from the planner.
-        terms: What it must keep; None: nothing.
-        by: Who ordered it: a person, a program or an agent; "" if that is not known.
-        to_go: The remaining length, m.
-        waits: No path is free: the reason, as far as it is known.
-        replans: The reason for a replanning that is due.
-        replan: The state of the last replanning.
-        nearing: The progress towards the goal.
-    """
-
-    number: int = 0
-    route: Route = field(default_factory=Route)
-    revision: int = 0
-    rule: Rule | None = None
-    planned: bool = False
-    terms: Terms | None = None
-    by: str = ""
-    to_go: float = 0.0
-    waits: str | None = None
-    replans: str = ""
-    replan: Replan = Replan()
-    nearing: Nearing = field(default_factory=Nearing)
+    number: int = 0  # its number; 0: there was none yet
+    route: Route = field(default_factory=Route)  # its path, and the robot's progress on it
+    revision: int = 0  # of the map that the path lies on
+    rule: Rule | None = None  # for plans made under way
+    planned: bool = False  # whether its path comes from the planner
+    terms: Terms | None = None  # what it must keep; None: nothing
+    by: str = ""  # who ordered it: a person, a program or an agent; "" if that is not known
+    to_go: float = 0.0  # the remaining length, m
+    waits: str | None = None  # no path is free: the reason, as far as it is known
+    replans: str = ""  # the reason for a replanning that is due
+    replan: Replan = Replan()  # the state of the last replanning
+    nearing: Nearing = field(default_factory=Nearing)  # the progress towards the goal
 
 
 class Interface(Agent):

@@ -17,29 +17,18 @@ def since(before: float | None, holds: bool, now: float) -> float | None:
 
 @dataclass(frozen=True)
 class Nearing:
-    """How near to its goal a mission has come.
+    """How near to its goal a mission has come."""
 
-    Attributes:
-        nearest: The least remaining length of the present path, m.
-        nearest_at: The time of that, s.
-        best: The least remaining length of all paths of the mission, m.
-        best_at: The time of that, s.
-        longest: The length of the longest replanned path, m.
-        across_since: Since when an obstacle blocks the path, s; None: it is free.
-        place: Where it has been for some time, m; None: not known yet.
-        place_at: Since when it has been there, s.
-        lost_since: Since when the robot has been lost, s; None: it is not.
-    """
-
-    nearest: float = inf
-    nearest_at: float = 0.0
-    best: float = inf
-    best_at: float = 0.0
-    longest: float = 0.0
-    across_since: float | None = None
+    nearest: float = inf  # the least remaining length of the present path, m
+    nearest_at: float = 0.0  # the time of that, s
+    best: float = inf  # the least remaining length of all paths of the mission, m
+    best_at: float = 0.0  # the time of that, s
+    longest: float = 0.0  # the length of the longest replanned path, m
+    across_since: float | None = None  # since when an obstacle blocks the path, s; None: it is free
+    # Where it has been for some time, m; None: not known yet.
     place: tuple[float, float] | None = None
-    place_at: float = 0.0
-    lost_since: float | None = None
+    place_at: float = 0.0  # since when it has been there, s
+    lost_since: float | None = None  # since when the robot has been lost, s; None: it is not
 
     def to_go(self, left: float, now: float, by: float) -> Nearing:
         """Update with the remaining length, m; only progress of more than `by` counts."""

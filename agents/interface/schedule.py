@@ -45,13 +45,9 @@ HEEDED_M_S: Final = 0.01
 
 @dataclass
 class Schedule:
-    """The due time of one mission.
+    """The due time of one mission."""
 
-    Attributes:
-        due_at: When it is due, s; inf: there is no mission.
-    """
-
-    due_at: float = inf
+    due_at: float = inf  # when it is due, s; inf: there is no mission
     _pace: float = PACE_M_S
     _at: float = 0.0
     _to_go: float = 0.0
@@ -150,10 +146,8 @@ def wanted_of(state: RobotState | None) -> float:
 def delay(state: RobotState | None, pose: Pose | None, waits: str | None) -> str:
     """Return what delays the robot now, by what the interface agent itself has received.
 
-    Args:
-        state: The robot's; None: there is no fresh one.
-        pose: None: there is no fresh one.
-        waits: Why no path is free; None: there is a path.
+    State and pose are None if there is no fresh one. `waits` is why no path is free; None: there is
+    one.
     """
     if state is None:
         return "no message from the robot"

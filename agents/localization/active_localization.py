@@ -78,13 +78,7 @@ class ActiveLocalizer:
     """Chooses legs for a robot on a map."""
 
     def __init__(self, grid: Grid, radius_m: float, reach_m: float) -> None:
-        """Prepare.
-
-        Args:
-            grid: The map.
-            radius_m: The clearance that the robot's centre needs.
-            reach_m: The sonars' greatest range.
-        """
+        """Prepare for a body of a clearance of `radius_m` and sonars that reach `reach_m`."""
         self._grid, self._radius, self._reach = grid, radius_m, reach_m
 
     def leg(
@@ -97,12 +91,9 @@ class ActiveLocalizer:
     ) -> Leg | None:
         """The leg with most information per second; None if no leg has any.
 
-        Args:
-            places: Possible poses of the robot (m, m, rad), and their shares.
-            room: Free distance in DIRECTIONS headings, from the robot's own, as sensed, m.
-            visited: Former positions, in the robot's frame, m.
-            v: Speed, m/s.
-            w: Turn rate, rad/s.
+        `places` are the robot's possible poses (m, m, rad) and their shares, `room` the free
+        distance as sensed in DIRECTIONS headings from its own, m, and `visited` its former
+        positions in its frame, m. Speeds are m/s and rad/s.
         """
         if len(places) < 2:
             return None

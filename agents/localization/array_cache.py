@@ -33,12 +33,8 @@ def folder() -> Path:
 def cached_arrays(key: str, names: Collection[str], make: Callable[[], Arrays]) -> Arrays:
     """The arrays of `make`, from the cache if they are there.
 
-    A damaged file is written again. If the folder cannot be read or written, nothing is cached.
-
-    Args:
-        key: The file's name; must depend on all inputs of `make`, including its code.
-        names: The names of the arrays.
-        make: Computes them.
+    `key` is the file's name; it must depend on all inputs of `make`, including its code. A damaged
+    file is written again. If the folder cannot be read or written, nothing is cached.
     """
     found: Arrays = {}
     # A file may be damaged anywhere: zip detects it by checksums, numpy by the header.

@@ -90,11 +90,8 @@ class Model(Protocol):
     ) -> NDArray[np.float32]:
         """The likelihood of each reading at each pose, (poses, echoes); the greatest is 1.
 
-        Args:
-            poses: (n, 3): m, m, rad.
-            echoes: The readings.
-            coarse: The poses are guesses that lie far apart.
-            excused: A range shorter than the map's counts little against a pose.
+        Poses are (n, 3): m, m, rad. With `coarse` they are guesses that lie far apart; with
+        `excused` a range shorter than the map's counts little against a pose.
         """
 
 
@@ -120,40 +117,27 @@ class PastReading(NamedTuple):
 
 
 class Place(Struct, frozen=True):
-    """A pose where the robot may be, by a stretch of its drive.
+    """A pose where the robot may be, by a stretch of its drive."""
 
-    Attributes:
-        pose: m, m, rad.
-        share: Its share of the weight of all places, 0 to 1.
-        fit: The geometric mean of the echoes' likelihoods there.
-    """
-
-    pose: Pose2
-    share: float
-    fit: float
+    pose: Pose2  # m, m, rad
+    share: float  # its share of the weight of all places, 0 to 1
+    fit: float  # the geometric mean of the echoes' likelihoods there
 
 
 class Alternative(Struct, frozen=True):
     """How much better another place explains the newest readings.
 
     A generalized likelihood ratio: over all other places, and over the moment of a kidnapping.
-
-    Attributes:
-        pose: That place: m, m, rad.
-        odds: Log-likelihood ratio of that place to the filter's particles, each echo with the
-            filter's exponent, over the number of newest readings that maximizes it.
-        readings: That number.
-        fit: The geometric mean of their likelihoods at that place.
-        stay_fit: The same at the filter's particles.
-        throughout: The log-likelihood ratio of the best place over the whole stretch.
     """
 
-    pose: Pose2
+    pose: Pose2  # that place: m, m, rad
+    # Log-likelihood ratio of that place to the filter's particles, each echo with the filter's
+    # exponent, over the number of newest readings that maximizes it.
     odds: float
-    readings: int
-    fit: float
-    stay_fit: float
-    throughout: float
+    readings: int  # that number
+    fit: float  # the geometric mean of their likelihoods at that place
+    stay_fit: float  # the same at the filter's particles
+    throughout: float  # the log-likelihood ratio of the best place over the whole stretch
 
 
 class History:
@@ -301,13 +285,10 @@ class Search:
     def alternative(self, here: Pose2, trust: float) -> Alternative | None:
         """The best other place; None if all places are near this one.
 
-        At this place ranges that are too short are excused: an unmapped box explains them as well
-        as another place does. Only echoes from behind the map's walls, or from farther than
-        anything that should have answered, are evidence against this place.
-
-        Args:
-            here: The filter's present estimate: m, m, rad.
-            trust: Exponent of an echo's likelihood in the filter.
+        At `here` (m, m, rad), the filter's present estimate, ranges that are too short are excused:
+        an unmapped box explains them as well as another place does. Only echoes from behind the
+        map's walls, or from farther than anything that should have answered, are evidence against
+        it. `trust` is the exponent of an echo's likelihood in the filter.
         """
         places = self.places
         others = [k for k, place in enumerate(places) if apart(place.pose, here)]
@@ -336,12 +317,9 @@ class Search:
     def staying(self, here: Pose2, odds: float) -> Place | None:
         """The best pose near `here`, with a prior that favours it; None if there is no result.
 
-        Its share excuses ranges that are too short, as in `alternative`. Its fit does not: in a
-        hall all echoes in a closet are too short, and would fit.
-
-        Args:
-            here: The present pose if the robot was not moved: m, m, rad.
-            odds: Prior odds of that place to each other one.
+        `here` is the present pose if the robot was not moved, m, m, rad, with prior `odds` to each
+        other place. Its share excuses ranges that are too short, as in `alternative`. Its fit does
+        not: in a hall all echoes in a closet are too short, and would fit.
         """
         if not len(self._logs):
             return None

@@ -217,51 +217,33 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Localized:
-    """The pose is known.
+    """The pose is known."""
 
-    Attributes:
-        unconfirmed: Searches that still have to confirm it.
-        unproved: Distance that it still has to drive with readings that fit, m.
-        off_map: Whether the map does not show this place: scans alone tell the motion.
-        off_m: The least deviation off the map, m; it holds until the robot is back, and proved.
-        suspect: Whether another place explains the new readings better.
-        verdicts: Consecutive searches that agreed on another place.
-        agreed: That place.
-        since: When the particles began to spread too far, s.
-        unmoved: While unconfirmed: as in `Lost`.
-    """
-
-    unconfirmed: int = 0
-    unproved: float = 0.0
-    off_map: bool = False
+    unconfirmed: int = 0  # searches that still have to confirm it
+    unproved: float = 0.0  # distance that it still has to drive with readings that fit, m
+    off_map: bool = False  # whether the map does not show this place: scans alone tell the motion
+    # The least deviation off the map, m; it holds until the robot is back, and proved.
     off_m: float = 0.0
-    suspect: bool = False
-    verdicts: int = 0
-    agreed: Pose2 = STOOD
-    since: float | None = None
-    unmoved: Pose2 | None = None
+    suspect: bool = False  # whether another place explains the new readings better
+    verdicts: int = 0  # consecutive searches that agreed on another place
+    agreed: Pose2 = STOOD  # that place
+    since: float | None = None  # when the particles began to spread too far, s
+    unmoved: Pose2 | None = None  # while unconfirmed: as in `Lost`
 
 
 @dataclass(frozen=True)
 class Lost:
-    """The pose is not known.
+    """The pose is not known."""
 
-    Attributes:
-        spread: Whether it was lost because the particles spread: they may converge again.
-        converged: Whether they have.
-        sure: Consecutive searches in which one place was much better than all others.
-        agreed: The best place in the last search.
-        suspect: Whether another place explained the readings better when the pose was lost.
-        unmoved: The pose if the robot was not moved when it got lost.
-    """
-
+    # Whether it was lost because the particles spread: they may converge again.
     spread: bool = False
-    converged: bool = False
+    converged: bool = False  # whether they have
     off_map: ClassVar[bool] = False
-    sure: int = 0
-    agreed: Pose2 = STOOD
+    sure: int = 0  # consecutive searches in which one place was much better than all others
+    agreed: Pose2 = STOOD  # the best place in the last search
+    # Whether another place explained the readings better when the pose was lost.
     suspect: bool = False
-    unmoved: Pose2 | None = None
+    unmoved: Pose2 | None = None  # the pose if the robot was not moved when it got lost
 
 
 @dataclass(frozen=True)
@@ -943,13 +925,9 @@ def _place(pose: Sequence[float]) -> str:
 def as_fired(echoes: Sequence[Echo], motion: Pose2, share: float) -> list[Echo]:
     """The echoes with each sonar mounted where it was when it fired, in the present body frame.
 
-    The sonars fire one after the other, the last on average half a period ago. At 0.5 m/s and
-    40 ms the shift is 2 cm per sonar, always in the same direction.
-
-    Args:
-        echoes: In firing order.
-        motion: During this cycle: m, m, rad.
-        share: Period from one ping to the next, in cycles.
+    The sonars fire one after the other, the last on average half a period ago; `share` is the
+    period from ping to ping in cycles, `motion` (m, m, rad) that of this cycle. At 0.5 m/s and 40
+    ms the shift is 2 cm per sonar, always in the same direction.
     """
     x, y, turn = motion
     shifted = []

@@ -116,19 +116,12 @@ LASER: Final = Settings(
 
 
 class Estimate(Struct, frozen=True):
-    """The pose estimate of the particles.
+    """The pose estimate of the particles."""
 
-    Attributes:
-        pose: The mean of the largest cluster: m, m, rad.
-        covariance: Of x, y and heading, (3, 3), in and around that cluster.
-        share: Share of the weight in the cluster, 0 to 1.
-        fit: The geometric mean of the newest readings' likelihoods at the particles.
-    """
-
-    pose: Pose2
-    covariance: NDArray[np.float64]
-    share: float
-    fit: float
+    pose: Pose2  # the mean of the largest cluster: m, m, rad
+    covariance: NDArray[np.float64]  # of x, y and heading, (3, 3), in and around that cluster
+    share: float  # share of the weight in the cluster, 0 to 1
+    fit: float  # the geometric mean of the newest readings' likelihoods at the particles
 
     @property
     def axes_m(self) -> tuple[float, float]:
@@ -262,10 +255,9 @@ class MonteCarlo:
     ) -> None:
         """Add the random errors of a motion to a share of the particles.
 
-        Args:
-            covariance: (3, 3) in the robot's frame; None: no errors.
-            share: If it is not 1, the bound stays as it is.
-            moved: A motion of this share, in the robot's frame, m, m, rad.
+        The covariance is (3, 3) in the robot's frame; None: no errors. If the share is not 1, the
+        bound stays as it is, and `moved` is a motion of this share, in the robot's frame, m, m,
+        rad.
         """
         if covariance is None or not len(self.poses):
             return

@@ -304,12 +304,8 @@ def _fill_table(
 ) -> None:
     """Fill in the likeliest reflectors, nearest first: a reflector hides those behind it.
 
-    Args:
-        reflectors: The map's reflectors.
-        which: (cells, NEAREST): those in sight of each cell, padded with the silent one.
-        distances: Their distances, m.
-        bearings: Their bearings, rad.
-        table: Output: a `ROW` for each cell and heading.
+    `which` (cells, NEAREST) are those in sight of each cell, padded with the silent one, at their
+    distances (m) and bearings (rad). The table gets a `ROW` for each cell and heading.
     """
     which, distances, bearings = which.T, distances.T, bearings.T
     cells = which.shape[1]

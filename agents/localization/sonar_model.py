@@ -125,13 +125,7 @@ class Fields(NamedTuple):
 
 
 def fields(grid: Grid, cone_rad: float, reach_m: float) -> Fields:
-    """Compute the fields of a map.
-
-    Args:
-        grid: The map.
-        cone_rad: The sonars' whole cone.
-        reach_m: The sonars' greatest range.
-    """
+    """Compute the fields of a map for sonars of a whole cone `cone_rad` that reach `reach_m`."""
     pad = int(np.ceil((reach_m + 2.0) / grid.cell_m))  # the range of a robot at the edge
     clearance = np.pad(grid.clearance.astype(np.float32), pad, constant_values=grid.horizon_m)
     x0, y0 = (low - pad * grid.cell_m for low in grid.bounds[:2])
@@ -217,14 +211,7 @@ class SonarModel:
         reach_m: float = 5.0,
         made: Fields | None = None,
     ) -> None:
-        """Prepare.
-
-        Args:
-            grid: The map.
-            cone_rad: The sonars' whole cone.
-            reach_m: The sonars' greatest range.
-            made: The result of `fields` for these, if it was cached.
-        """
+        """Prepare; `made` is the result of `fields` for the same arguments, if it was cached."""
         made = fields(grid, cone_rad, reach_m) if made is None else made
         self._arc = np.asarray(ARC)[:, None, None] * (0.5 * cone_rad)
         self._inverse = np.float32(1.0 / grid.cell_m)

@@ -68,12 +68,7 @@ class Window:
     """Where the robot is by the scans of the last metres, in a frame of its own."""
 
     def __init__(self, wheels: Odometry, parameters: FrontEndParameters | None = None) -> None:
-        """Begin without a scan.
-
-        Args:
-            wheels: Standard deviations of the odometry.
-            parameters: Of the key scans and of matching.
-        """
+        """Begin without a scan; `wheels` are the standard deviations of the odometry."""
         self.parameters = p = parameters or FrontEndParameters()
         self.front = FrontEnd(p, sides=True)
         self._wheels = wheels
@@ -186,12 +181,7 @@ class Window:
         return min(o.alpha1, turning), min(o.alpha2, drift), min(o.alpha3, way)
 
     def _along(self, step: Floats, untold: float) -> float:
-        """The variance, m^2, of a step by the wheels, in a direction that they alone tell.
-
-        Args:
-            step: By the odometry.
-            untold: Its way in that direction, m.
-        """
+        """The variance, m^2, of a step by the wheels, of which they alone tell `untold` m."""
         o, before = self._wheels, self._untold_m
         lasting = self._lasting[2] ** 2 * ((before + untold) ** 2 - before**2)
         return lasting + o.alpha3**2 * hypot(step[0], step[1]) + (o.alpha4 * float(step[2])) ** 2
@@ -242,11 +232,9 @@ class Window:
 def untold_by(information: Floats) -> Floats:
     """(2, 2) the share of a shift that lines do not tell: a projection on one direction, or less.
 
-    A match moves freely in such a direction, as along a wall. There the wheels tell the motion
-    (*solution remapping*, after Zhang, Kaess and Singh, 2016).
-
-    Args:
-        information: (2, 2) of a match on a shift.
+    By the information (2, 2) of a match on a shift. It moves freely in such a direction, as along a
+    wall. There the wheels tell the motion (*solution remapping*, after Zhang, Kaess and Singh,
+    2016).
     """
     (least, most), axes = np.linalg.eigh(information)
     if most <= 0.0:

@@ -65,9 +65,7 @@ class FrontEnd:
     def __init__(self, parameters: FrontEndParameters, *, sides: bool = False) -> None:
         """Begin with odometry of the assumed deviations.
 
-        Args:
-            parameters: Of the key scans and of matching.
-            sides: Whether the two sides of a wall are told apart.
+        With `sides` the two sides of a wall are told apart.
         """
         self.parameters = parameters
         self._sides = sides
@@ -130,12 +128,8 @@ class FrontEnd:
     ) -> None:
         """Learn the odometry's errors from a step, if its match is good and determined.
 
-        Args:
-            match: At its end.
-            prior: Of it.
-            step: By the odometry.
-            moved: By scan matching.
-            heading: Learn those of the heading alone where the position is not determined.
+        `step` is by the odometry, `moved` by scan matching. With `heading`, those of the heading
+        alone are learned where the position is not determined.
         """
         if match.inliers < self.parameters.match_good:
             return

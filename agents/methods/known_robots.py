@@ -58,10 +58,7 @@ class KnownRobots:
     def points(self, pose: Pose2 | None, covariance: Sequence[float], now: float) -> list[Obstacle]:
         """The outlines of the robots that are near.
 
-        Args:
-            pose: Of this robot; None: unknown, and then no robot is near.
-            covariance: Of that pose, as in `Pose`.
-            now: The time, s.
+        None are near an unknown pose. Its covariance is as in `Pose`.
         """
         if pose is None:
             return []

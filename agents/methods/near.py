@@ -55,9 +55,8 @@ class Near:
     def move(self, motion: Posed, *, mapped: bool = False) -> None:
         """Move the points against the robot's motion, and let them fade by one cycle.
 
-        Args:
-            motion: The robot's new pose in the frame of the last one, m and rad.
-            mapped: Whether the global map's walls are expected: then other points fade sooner.
+        The motion is the new pose in the frame of the last one, m and rad. If the global map's
+        walls are expected (`mapped`), other points fade sooner.
         """
         raise NotImplementedError
 

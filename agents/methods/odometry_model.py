@@ -112,10 +112,8 @@ class OdometryModel:
     def learn(self, step: Floats, measured: Floats, *, position: bool = True) -> None:
         """Take a step whose true motion scan matching has measured.
 
-        Args:
-            step: By the odometry, not corrected.
-            measured: The same by scan matching.
-            position: Whether it tells the position, too, and not the heading alone.
+        The odometry's step is not corrected. `position`: the match tells the position, too, and not
+        the heading alone.
         """
         p = self.parameters
         assumed = self.prior(step, factors=(1.0, 1.0))

@@ -39,15 +39,8 @@ def route(
 ) -> list[Leg] | None:
     """The shortest chain of legs from the start's room to the goal's (Dijkstra).
 
-    Args:
-        world: Rooms and doors; both places must be in rooms.
-        start: The robot's position.
-        goal: The goal's position.
-        closed: Legs that are blocked.
-        shut: Names of doors that are too narrow.
-
-    Returns:
-        The legs in order, or None if open doors do not connect the rooms.
+    Both places must be in rooms. Legs may be `closed`, and doors too narrow (`shut`). None if open
+    doors do not connect the rooms.
     """
     first, last = world.room_at(start.x, start.y), world.room_at(goal.x, goal.y)
     if first is None or last is None:

@@ -110,11 +110,8 @@ def point_cloud(
 ) -> PointCloud:
     """The points of a scan and their normals, which are fitted to neighbouring rays.
 
-    Args:
-        ranges: m; NaN and infinity are no points.
-        bearings: Of the rays in the robot's frame, rad, in the order of the scanner.
-        origin: The scanner in the robot's frame, m.
-        max_range: Points beyond are omitted, m.
+    Ranges are m, and no points if NaN, infinite or beyond `max_range`. Bearings are rad in the
+    robot's frame, in the order of the scanner; `origin` is the scanner in that frame, m.
     """
     with np.errstate(invalid="ignore"):
         valid = np.isfinite(ranges) & (ranges > LEAST_RANGE_M) & (ranges < max_range)
@@ -160,10 +157,7 @@ def looked_at(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """(n,) which points the rays of a scan reach, and which of these they pass through.
 
-    Args:
-        cloud: Of the scan.
-        points: (n, 2) in the robot's frame of the scan, m.
-        origin: The scanner in the robot's frame, m.
+    Points (n, 2) and the scanner's `origin` are in the robot's frame of the scan, m.
     """
     none = np.zeros(len(points), dtype=np.bool_)
     if len(cloud.points) < LEAST_POINTS:
@@ -225,11 +219,7 @@ class LikelihoodField:
     ) -> None:
         """Draw a cloud that is given in the world; points near the border are omitted.
 
-        Args:
-            cloud: Points and normals in the world.
-            centre: Of the square, m.
-            half: Half of its side, m.
-            parameters: Resolution and smear.
+        The field is a square with this centre and half a side of `half`, m.
         """
         self.parameters = p = parameters
         self.resolution = p.resolution
@@ -324,12 +314,8 @@ def correlate(
 ) -> tuple[Floats, float]:
     """The best pose in a window by two stages of correlation, and its score without the prior.
 
-    Args:
-        field: Of the map.
-        points: (n, 2) of the scan, in the robot's frame, m.
-        guess: The pose by odometry.
-        window: About the guess.
-        prior: Poses far from the guess lose score by it.
+    The points (n, 2) are in the robot's frame, m. The window is about the guess by the odometry;
+    poses far from it lose score by the prior.
     """
     p, cell = field.parameters, field.resolution
     best, score = np.asarray(guess, dtype=np.float64), -1.0
@@ -447,12 +433,8 @@ def branch_and_bound(
 ) -> Sliced[Candidate | None]:
     """The best pose of a large window with at least a score; None if there is none.
 
-    Args:
-        field: Of the map; it must cover the points at all poses of the window.
-        points: (n, 2) of the scan, in the robot's frame, m.
-        guess: The middle of the window.
-        window: Where to search.
-        min_score: Poses below are not considered.
+    The field must cover the points (n, 2), in the robot's frame, m, at all poses of the window,
+    whose middle is `guess`.
     """
     p, cell, depth = field.parameters, field.resolution, field.parameters.branch_and_bound_depth
     levels = yield from field.pyramid(depth)
@@ -518,12 +500,9 @@ class Tree:
     ) -> Sliced[tuple[Indices, Floats] | None]:
         """The nodes of single cells with a score near the best one, and these; None: too many.
 
-        Args:
-            offsets: Columns and rows of the nodes to begin with, which are squares.
-            least: Of the score.
-            share: Of the best score that is near it.
-            possible: Which nodes of a level are considered.
-            most: Nodes that are split at once; None: all.
+        It begins with squares at `offsets` (columns and rows). `share` of the best score is near
+        it, `possible` tells which nodes of a level are considered, and at most `most` nodes are
+        split at once.
         """
         depth = len(self._levels) - 1
         nodes = possible(depth, _grid(len(self._cells), offsets))

@@ -141,23 +141,16 @@ class Sent:
 
 @dataclass
 class Survey:
-    """A search for the dock with the cheapest path from a place.
+    """A search for the dock with the cheapest path from a place."""
 
-    Attributes:
-        start: The place.
-        question: The query to answer; None: the robot's own distance is sought.
-        left: The docks to be planned to, with their straight distances, m; the nearest first.
-        requested_at: When the plan in progress was requested, s.
-        dock: The dock with the cheapest path so far.
-        plan: That path.
-    """
-
-    start: Waypoint
+    start: Waypoint  # the place
+    # The query to answer; None: the robot's own distance is sought.
     question: tuple[Question, EnergyRequest] | None
+    # The docks to be planned to, with their straight distances, m; the nearest first.
     left: list[tuple[float, str]]
-    requested_at: float = -inf
-    dock: str = ""
-    plan: Plan | None = None
+    requested_at: float = -inf  # when the plan in progress was requested, s
+    dock: str = ""  # the dock with the cheapest path so far
+    plan: Plan | None = None  # that path
 
 
 class BatteryCharger(DeliberativeAgent):

@@ -96,18 +96,15 @@ class Errand:
     The agent passes in messages (`pose`, `trajectory`, `planned`, `status`) and bids what `bid_for`
     returns. If another agent wins the trajectory, the errand is interrupted and contends with the
     rest of its path. The owner of the trajectory has that planned anew if the robot has left it.
-
-    Attributes:
-        stage: The progress.
-        note: Of the mission's status. At the goal: why it is unknown whether the robot is there.
     """
 
     def __init__(self, rng: random.Random) -> None:
         self._rng = rng
         self.desk = PlanDesk(rng)
-        self.stage = Stage.NONE
+        self.stage = Stage.NONE  # the progress
         self.goal: Waypoint | None = None
         self.plan: Plan | None = None
+        # Of the mission's status. At the goal: why it is unknown whether the robot is there.
         self.note = ""
         self.standing: Way | None = None  # bid for while there is no path of its own
         self.stands = False  # the robot has reached the end of `standing`
@@ -139,11 +136,8 @@ class Errand:
     def go(self, goal: Waypoint, pose: Pose, v: float = 0.0, why: str = "") -> None:
         """Begin: request a path from where the robot will soon be.
 
-        Args:
-            goal: The goal pose in the world frame.
-            pose: The robot's pose.
-            v: Its speed by the wheels, m/s.
-            why: The reason in the planner's log.
+        The goal is in the world frame; `v` is the speed by the wheels, m/s; `why` is the reason in
+        the planner's log.
         """
         self.pause()
         self.goal = goal

@@ -161,12 +161,8 @@ def load_mission(
 ) -> Mission:
     """Load a shipped mission by its name, or a TOML file. Raises ConfigError with file and line.
 
-    A scenario that is a file is relative to the mission's folder.
-
-    Args:
-        name_or_path: The mission.
-        places: The places of its world; None: places are not checked.
-        start: The position from which they must be reachable, m; None: that is not checked.
+    A scenario that is a file is relative to the mission's folder. Places are checked if those of
+    its world are given, and that they can be reached if the position `start`, m, is.
     """
     path = find("missions", name_or_path)
     text = read_text(path)

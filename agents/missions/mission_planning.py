@@ -715,14 +715,9 @@ class MissionPlanning(DeliberativeAgent):
     ) -> None:
         """Request sub-plans from the planner agents that plan for such a surprise.
 
-        Args:
-            entry: The mission.
-            at: The robot's pose.
-            surprise: Its kind.
-            why: The reason, for the log.
-            before: The steps that must be done.
-            chosen: Called with the cheapest sub-plan, or None.
-            course: The course to go on with; None: the present one, its task broken off.
+        The robot is `at` a pose; `before` are steps that must be done. `chosen` is called with the
+        cheapest sub-plan, or None. `course` is the one to go on with; None: the present one, its
+        task broken off.
         """
         mission = entry.mission
         assert mission is not None, "it goes on"

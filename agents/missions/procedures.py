@@ -52,19 +52,12 @@ NOTE_MOST: Final = 200  # characters of a step's result that are stored
 
 @dataclass(frozen=True)
 class Outlook:
-    """A mission after an update.
+    """A mission after an update."""
 
-    Attributes:
-        course: Its progress.
-        request: The current request of its task; None: the mission has ended.
-        events: To be published.
-        failed: The reason of its failure; None: it goes on, or is done.
-    """
-
-    course: Course
-    request: Request | None = None
-    events: tuple[Message, ...] = ()
-    failed: str | None = None
+    course: Course  # its progress
+    request: Request | None = None  # the current request of its task; None: the mission has ended
+    events: tuple[Message, ...] = ()  # to be published
+    failed: str | None = None  # the reason of its failure; None: it goes on, or is done
 
 
 def advance(
@@ -77,13 +70,8 @@ def advance(
 ) -> Outlook:
     """Advance a mission after `seconds` more of work.
 
-    Args:
-        mission: Its procedures.
-        course: Its progress so far.
-        beliefs: The present estimates.
-        seconds: The time at work since the last update, s.
-        state: The progress of the task's request.
-        note: The reason if that has failed; of one that is done, why that is unknown.
+    `state` is the progress of the task's request, and `note` the reason if that has failed; of one
+    that is done, why that is unknown.
     """
     return _Update(mission, course, beliefs).run(seconds, state, note)
 

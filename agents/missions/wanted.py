@@ -35,21 +35,13 @@ Key = tuple[int, int, Request]
 
 @dataclass
 class Wanted:
-    """What a mission's task requests.
+    """What a mission's task requests."""
 
-    Attributes:
-        key: The mission, the task's number, and the request.
-        since: When it was first requested, s.
-        reach: Its progress.
-        note: Why it has failed, what it waits for, or why it is unknown whether it is done.
-        patience: With refusals.
-    """
-
-    key: Key
-    since: float
-    reach: Reach = Reach.UNDER_WAY
-    note: str = ""
-    patience: Patience = Patience()
+    key: Key  # the mission, the task's number, and the request
+    since: float  # when it was first requested, s
+    reach: Reach = Reach.UNDER_WAY  # its progress
+    note: str = ""  # why it has failed, what it waits for, or why it is unknown whether it is done
+    patience: Patience = Patience()  # with refusals
 
     def done(self, doubt: str = "") -> None:
         self.reach, self.note = Reach.DONE, line(doubt)

@@ -54,14 +54,9 @@ class Approaching:
         explained: Sequence[bool],
         body: Outline,
     ) -> None:
-        """Add a cycle's echoes.
+        """Add a cycle's echoes, in firing order, `ping_s` from one to the next.
 
-        Args:
-            echoes: In firing order.
-            ping_s: Time from one ping to the next, s.
-            odometry: Of the robot.
-            explained: For each echo, whether a wall of the map explains it.
-            body: The footprint.
+        For each echo, `explained` tells whether a wall of the map explains it.
         """
         for echo, known in zip(echoes, explained, strict=True):
             self._clock += ping_s

@@ -50,12 +50,8 @@ class Gauge:
     def update(self, volts: float, v: float, w: float, charging: bool, dt: float) -> bool:
         """Update the estimate with one cycle; return whether the voltage is plausible.
 
-        Args:
-            volts: At the terminals, V.
-            v: Measured speed, m/s.
-            w: Measured turn rate, rad/s.
-            charging: Whether a charger is connected.
-            dt: Time since the previous cycle, s.
+        The voltage is that at the terminals, V, speeds are as measured, m/s and rad/s, and `dt` is
+        the time since the previous cycle, s.
         """
         battery = self._battery
         if not PLAUSIBLE[0] * battery.empty_v <= volts <= PLAUSIBLE[1] * battery.full_v:

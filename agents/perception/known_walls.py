@@ -167,13 +167,9 @@ class KnownWalls:
         """Update the robot's pose; without one no wall is near.
 
         Forbidden areas stay near at any uncertainty: a lost robot is mostly where its odometry has
-        it, and no sensor detects a drop in time.
-
-        Args:
-            pose: In the world frame; None: unknown.
-            covariance: Upper triangle for x, y and theta; empty: unknown, so the robot may be
-                anywhere.
-            old: Whether the pose has been uncertain for long: no wall is accepted.
+        it, and no sensor detects a drop in time. The covariance is the upper triangle for x, y and
+        theta; empty: unknown, so the robot may be anywhere. If the pose has been uncertain for long
+        (`old`), no wall is accepted.
         """
         s, self._weight, self._sigma_m = self.settings, 0.0, 0.0
         if pose is None or len(covariance) < COVARIANCE or s.reach_m <= 0.0:

@@ -107,10 +107,9 @@ class LocalMap(Near):
     def move(self, motion: Posed, *, mapped: bool = False) -> None:
         """Move the points against the robot's motion, and let them fade by one cycle.
 
-        Args:
-            motion: The robot's new pose in the frame of the last one, m and rad. Points that end up
-                inside the footprint or beyond the map are dropped.
-            mapped: Whether the global map's walls are expected: then other points fade sooner.
+        The motion is the new pose in the frame of the last one, m and rad. Points that end up
+        inside the footprint or beyond the map are dropped. If the global map's walls are expected
+        (`mapped`), other points fade sooner.
         """
         s = self.settings
         cos, sin = math.cos(motion.theta), math.sin(motion.theta)

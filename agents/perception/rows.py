@@ -62,11 +62,9 @@ def onward(
 ) -> Iterator[tuple[float, float]]:
     """The extrapolated ends of the rows among the points.
 
-    Args:
-        points: The occupied points near the footprint (`NEAR_M`).
-        body: The footprint: no row is extrapolated into it.
-        through: The sonars' recent free rays.
-        slope: Tangent of the angle off a sonar's axis within which an object must answer.
+    The points are near the footprint (`NEAR_M`), into which no row is extrapolated. `through` are
+    the sonars' recent free rays; within an angle off a sonar's axis, with the tangent `slope`, an
+    object must answer.
     """
     for p in points:
         for ux, uy in _row_ends(p, points):

@@ -26,7 +26,6 @@ from armadico.agents.methods.near import NO_OUTLINE, Near, Obstacle, RayResult
 from armadico.agents.methods.settings import ScanSettings
 from armadico.mobile.messages import Scan
 from armadico.mobile.scans import Flags, Floats, bearings_of, beside, edge_on, ranges_of
-from armadico.mobile.swept_path import Outline
 
 FAR_M = 1e6
 """Stands for infinity, which has no sine: nothing is near."""
@@ -50,11 +49,9 @@ class ScanMap(Near):
     A cycle calls `move`, then `update`, then the queries.
     """
 
-    def __init__(
-        self, settings: ScanSettings | None = None, outline: Outline | None = None
-    ) -> None:
+    def __init__(self, settings: ScanSettings | None = None) -> None:
         self.settings = settings or ScanSettings()
-        super().__init__(self.settings, outline)
+        super().__init__(self.settings, None)
         self._points: Floats = np.empty((0, 3))  # x, y, and the probability: 1 is seen now
         self._rays: _Rays | None = None
         self._sorted: tuple[Obstacle, ...] | None = ()

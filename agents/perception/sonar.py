@@ -17,7 +17,7 @@ from armadico.agents.perception.local_map import CELLS, RINGS, SECTORS
 from armadico.agents.perception.perception import Perception
 from armadico.core import agent
 from armadico.core.messages import Cycle, Message, Point
-from armadico.mobile.messages import Cell, Echo, LocalMap, Sonar
+from armadico.mobile.messages import Cell, LocalMap, Sonar
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.swept_path import Outline
 
@@ -71,7 +71,7 @@ class SonarAgent(Perception):
     def on_sonar(self, sonar: Sonar) -> None:
         seen, walls = self._map, self._near_walls()
         explained = [False] * len(sonar.echoes) if walls is None else walls.on_echoes(sonar.echoes)
-        far = [not _close(echo) for echo in sonar.echoes]
+        far = [echo.range is None or echo.range >= CLOSE_M for echo in sonar.echoes]
         seen.update(sonar.echoes, list(map(and_, explained, far)))
         self._expect(() if walls is None else walls.points(seen.outline))
         self._cycles += 1
@@ -111,8 +111,3 @@ class SonarAgent(Perception):
             if near and abs(atan2(o.y, o.x)) < p.arc_within_rad:
                 yield Point(c * o.x - s * o.y, s * o.x + c * o.y)
                 yield Point(c * o.x + s * o.y, c * o.y - s * o.x)
-
-
-def _close(echo: Echo) -> bool:
-    """Whether an echo is so near that its place on the axis is hardly wrong."""
-    return echo.range is not None and echo.range < CLOSE_M

@@ -126,23 +126,14 @@ class LearnedContender(Contender):
 
 @dataclass(frozen=True)
 class Learned:
-    """A coordination of the wheels without an arbiter; agents without weights bid as ever.
+    """A coordination of the wheels without an arbiter; agents without weights bid as ever."""
 
-    Attributes:
-        about: What decides, for people.
-        explores: Whether bids are random at times.
-        arbiter: Nobody.
-        library: None is needed.
-        tuned: Its numbers are learnt, so that it is no arm of a study unless it is named.
-        resource: What it decides about.
-    """
-
-    about: str
-    explores: bool = False
-    arbiter: str = ""
-    library: str = ""
-    tuned: bool = True
-    resource: Resource = WHEELS
+    about: str  # what decides, for people
+    explores: bool = False  # whether bids are random at times
+    arbiter: str = ""  # nobody
+    library: str = ""  # none is needed
+    tuned: bool = True  # its numbers are learnt, so that it is no arm of a study unless it is named
+    resource: Resource = WHEELS  # what it decides about
 
     def lacking(self, agents: Mapping[str, Individual]) -> str:
         """Return that no agent has weights: the others would drive as by ballots."""

@@ -44,12 +44,8 @@ class Proposer:
     ) -> None:
         """Begin without an award.
 
-        Args:
-            resource: The resource.
-            instance: The agent's instance.
-            clock: The resource's cycles.
-            told: What `share` is: the last award's, or always 1 (yes) or 0 (no).
-            offers: Adds what the arbiter needs beside a bid to its proposal.
+        `told` is what `share` is: the last award's, or always 1 (yes) or 0 (no). `offers` adds what
+        the arbiter needs beside a bid to its proposal.
         """
         self.resource = resource
         self.instance = instance
@@ -172,27 +168,16 @@ OFFERS: Final[Mapping[str, _Offered]] = {
 
 @dataclass(frozen=True)
 class Arbitrated:
-    """A coordination of one resource by one arbiter; other resources keep their ballots.
+    """A coordination of one resource by one arbiter; other resources keep their ballots."""
 
-    Attributes:
-        arbiter: The arbiter agent's name.
-        needs: The method that each agent must have beside `bid`, of `OFFERS`; empty: none.
-        sets: Parameters of the arbiter, KEY=VALUE.
-        told: What an agent is told of its share, if nothing else is chosen.
-        about: What decides, for people.
-        without: What a preset leaves out of the system that it stands for, for people.
-        library: The module of another project that the arbiter imports; empty: none.
-        resource: What it decides about.
-    """
-
-    arbiter: str
-    needs: str = ""
-    sets: tuple[str, ...] = ()
-    told: str = "award"
-    about: str = ""
-    without: str = ""
-    library: str = ""
-    resource: Resource = WHEELS
+    arbiter: str  # the arbiter agent's name
+    needs: str = ""  # the method that each agent must have beside `bid`, of `OFFERS`; empty: none
+    sets: tuple[str, ...] = ()  # parameters of the arbiter, KEY=VALUE
+    told: str = "award"  # what an agent is told of its share, if nothing else is chosen
+    about: str = ""  # what decides, for people
+    without: str = ""  # what a preset leaves out of the system that it stands for, for people
+    library: str = ""  # the module of another project that the arbiter imports; empty: none
+    resource: Resource = WHEELS  # what it decides about
 
     def __post_init__(self) -> None:
         if self.needs not in OFFERS:

@@ -13,14 +13,10 @@ T = TypeVar("T")
 
 
 class Round(Generic[T]):
-    """The newest proposal of each proposer.
-
-    Attributes:
-        cycle: The newest cycle; None before the first proposal.
-    """
+    """The newest proposal of each proposer."""
 
     def __init__(self) -> None:
-        self.cycle: Cycle | None = None
+        self.cycle: Cycle | None = None  # the newest cycle; None before the first proposal
         self._newest: dict[str, tuple[Cycle, T]] = {}
         self._known: frozenset[str] = frozenset()  # who was expected at the last decision
 

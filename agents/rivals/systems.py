@@ -62,23 +62,15 @@ ELSEWHERE: Final[dict[str, Coordination]] = {
 
 @dataclass(frozen=True)
 class System:
-    """A system that chapter 2 names.
+    """A system that chapter 2 names."""
 
-    Attributes:
-        title: Its name there.
-        section: The section there.
-        mechanism: The mechanism that stands for it; empty: nothing can.
-        lacks: What cannot be represented, or why nothing stands for it.
-        sets: Parameters of the arbiter, KEY=VALUE.
-        sequencing: Whether it has sequencing only: by table 2.1 it does not coordinate behaviours,
-            so it is not to be ranked with the others.
-    """
-
-    title: str
-    section: str
-    mechanism: str
-    lacks: str
-    sets: tuple[str, ...] = ()
+    title: str  # its name there
+    section: str  # the section there
+    mechanism: str  # the mechanism that stands for it; empty: nothing can
+    lacks: str  # what cannot be represented, or why nothing stands for it
+    sets: tuple[str, ...] = ()  # parameters of the arbiter, KEY=VALUE
+    # Whether it has sequencing only: by table 2.1 it does not coordinate behaviours, so it is not
+    # to be ranked with the others.
     sequencing: bool = False
 
 
@@ -218,15 +210,10 @@ def _preset(system: System) -> Arbitrated:
 
 @dataclass(frozen=True)
 class Unrepresented:
-    """The name of a system that no mechanism stands for, so it is not taken for a typing error.
+    """The name of a system that no mechanism stands for, so it is not taken for a typing error."""
 
-    Attributes:
-        absent: Why it cannot be chosen.
-        arbiter: None.
-    """
-
-    absent: str
-    arbiter: str = ""
+    absent: str  # why it cannot be chosen
+    arbiter: str = ""  # none
 
     def contender(self, _resource: Resource, _agent: Individual, _clock: CycleClock) -> None:
         """Return None: it decides nothing."""

@@ -206,11 +206,8 @@ class Dwa(Yardstick):
 def best(scene: Scene, to: Point, most: Speeds, p: DwaParameters) -> Speeds | None:
     """The admissible (v, w) of the dynamic window with the largest objective; None: none drives on.
 
-    Args:
-        scene: The robot among known points.
-        to: Where it should get, in the body frame, m.
-        most: The largest (v, w), m/s and rad/s.
-        p: Weights and samples.
+    The robot should get `to` a point in the body frame, m; `most` is the largest (v, w), m/s and
+    rad/s.
     """
     body, (v, w), (most_v, most_w) = scene.body, scene.measured, most
     slow = clip(v - body.v_decel * p.window_s, 0.0, most_v)

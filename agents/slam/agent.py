@@ -433,10 +433,7 @@ class SlamAgent(Agent):
     def _begin(self, mapper: Mapper, part: int, shown: Indices | None = None) -> None:
         """Go on with another picture of the map, which is published at once.
 
-        Args:
-            mapper: The picture.
-            part: Of the graph that it shows.
-            shown: The key scans of the picture before, which have moved.
+        It shows `part` of the graph; the key scans of the picture before, `shown`, have moved.
         """
         old, after = self._picture, self._slam.map.poses
         shown = np.zeros(0, dtype=np.intp) if shown is None else shown

@@ -127,12 +127,8 @@ def contradictions(
 ) -> Sliced[list[Contradiction]]:
     """The doubtful places of a map, the largest first.
 
-    Args:
-        poses: (n, 3) of the key scans.
-        way: Driven at each, m, increasing.
-        clouds: The points of each.
-        origin: The scanner in the robot's frame, m.
-        parameters: What counts.
+    Poses (n, 3), way driven (m, increasing) and points are of the key scans; `origin` is the
+    scanner in the robot's frame, m.
     """
     p = parameters
     seen = [_seen(pose, cloud, origin) for pose, cloud in zip(poses, clouds, strict=True)]

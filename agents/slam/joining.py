@@ -117,14 +117,8 @@ def joined(
 ) -> Joined | tuple[Found, ...]:
     """Join two maps, or tell for each part of the later one why it has no place.
 
-    The earlier map stays where it is, up to what the loops correct.
-
-    Args:
-        earlier: One map; its main part is searched.
-        later: The other one.
-        parameters: Of SLAM.
-        join: How much must agree.
-        step: Called `steps(later, join)` times at most.
+    The earlier map, of which the main part is searched, stays where it is, up to what the loops
+    correct. `step` is called `steps(later, join)` times at most.
     """
     joint = _Joint(earlier, later, parameters, join or JoinParameters(), step)
     found = tuple(joint.place(part) for part in joint.parts)
@@ -379,10 +373,7 @@ def _edge(loop: Loop) -> Edge:
 def _beside(earlier: SavedGraph, later: SavedGraph, apart: float) -> SavedGraph:
     """Both graphs as one, without a known place to each other.
 
-    Args:
-        earlier: One.
-        later: The other one.
-        apart: Way between them, m.
+    The way between them is `apart`, m.
     """
     count = len(earlier.poses)
     step = relative(earlier.poses[-1], later.poses[0])

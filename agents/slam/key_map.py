@@ -118,10 +118,8 @@ class KeyMap:
     def loops_of(self, found: Sequence[Recognised], poses: Floats, together: int) -> list[Loop]:
         """The loops of places that were found.
 
-        Args:
-            found: The places.
-            poses: (n, 3) of the key scans once their part is moved there.
-            together: Scans that were matched together; their points repeat each other.
+        The poses (n, 3) are of the key scans once their part is moved there. Points of scans that
+        were matched `together` repeat each other.
         """
         loops = []
         for one in found:
@@ -158,12 +156,7 @@ class KeyMap:
     # Its file -------------------------------------------------------------------------------------
 
     def restore(self, graph: SavedGraph, clouds: Sequence[PointCloud]) -> None:
-        """Fill an empty map with a saved one.
-
-        Args:
-            graph: The saved map.
-            clouds: The points of its key scans.
-        """
+        """Fill an empty map with a saved one; `clouds` are the points of its key scans."""
         self.poses, self.way, self.part = graph.poses, graph.way.tolist(), graph.part
         self.clouds, self.numbers = list(clouds), [0] * len(graph.poses)
         self.before = graph.session
@@ -179,11 +172,7 @@ class KeyMap:
     ) -> SavedGraph:
         """The first key scans of the map, with the scans that it is drawn of.
 
-        Args:
-            count: Of these key scans.
-            weak: How many of them fitted badly.
-            scans: They include all key scans.
-            body: The robot's.
+        Of the first `count` key scans, `weak` fitted badly. `scans` include all key scans.
         """
         weights = np.ones(len(self.graph.edges))
         weights[: len(self.graph.weights)] = self.graph.weights

@@ -127,9 +127,8 @@ class LoopCloser:
     def radius(self, deviation: float, way: float) -> float:
         """How far the newest scan may be from the place that it recognises, m.
 
-        Args:
-            deviation: Standard deviation of its position since the last loop, m.
-            way: Driven since then, m.
+        By the standard deviation of its position since the last loop, m, and the way driven since
+        then, m.
         """
         p = self.parameters
         uncertain = max(p.loop_search_deviations * deviation, p.loop_search_share * way)

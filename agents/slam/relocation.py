@@ -109,12 +109,7 @@ class WholeMap:
     """The likelihood field of a whole map, and where on it the robot may be."""
 
     def __init__(self, scans: Scans, parameters: RelocationParameters) -> None:
-        """Prepare; `drawing` does the work.
-
-        Args:
-            scans: Of the map.
-            parameters: Resolution and smear.
-        """
+        """Prepare; `drawing` does the work."""
         self.scans, self.parameters = scans, parameters
         self.field: LikelihoodField | None = None
         self.levels: list[NDArray[np.float32]] = []
@@ -203,13 +198,7 @@ class Relocator:
     def __init__(
         self, known: Scans, parameters: RelocationParameters, matcher: MatcherParameters
     ) -> None:
-        """Begin.
-
-        Args:
-            known: The key scans among which the place is sought.
-            parameters: Of the search.
-            matcher: Of the judgement of a place.
-        """
+        """Begin; the place is sought among `known` key scans, and judged by `matcher`."""
         self.parameters, self.matcher = parameters, matcher
         self.map = WholeMap(known, parameters)
         self.searches = 0
@@ -220,10 +209,8 @@ class Relocator:
     ) -> Sliced[list[Recognised]]:
         """Search once; return what agrees, if that is enough.
 
-        Args:
-            mine: The key scans of the present part, the newest last.
-            way: The way driven at each, m.
-            origin: The scanner in the robot's frame, m.
+        `mine` are the key scans of the present part, the newest last, with the way driven at each,
+        m. `origin` is the scanner in the robot's frame, m.
         """
         found = yield from self.looking(mine, way, origin)
         if found is None:

@@ -387,9 +387,7 @@ class Slam:
     def restore(self, graph: SavedGraph, clouds: Sequence[PointCloud]) -> None:
         """Continue an empty map with a saved one; the next scan begins a part.
 
-        Args:
-            graph: The saved map.
-            clouds: The points of its key scans.
+        `clouds` are the points of its key scans.
         """
         self.map.restore(graph, clouds)
         self.evidence.weak = graph.weak

@@ -54,31 +54,19 @@ REFUSALS: Final[tuple[type[Exception], ...]] = (
 
 @dataclass(frozen=True, kw_only=True)
 class Start:
-    """A society that starts, or is joined.
+    """A society that starts, or is joined."""
 
-    Attributes:
-        scenario: Its scenario; None for `armadico up` without one.
-        mesh: The options of the way to it.
-        namespaces: The robots'.
-        alone: Whether one robot drives a scenario, not a fleet.
-        virtual: Whether it runs under a virtual clock.
-        on: Its virtual mesh; None before it is made, and in a live run.
-        limit: The time limit of the command line, s.
-        seeds: Those of all runs of the command.
-        seed: That of this run.
-        series: Whether there may be several runs, by `--runs`.
-    """
-
-    scenario: Scenario | None
-    mesh: Mesh
-    namespaces: Sequence[str] = ()
-    alone: bool = True
-    virtual: bool = False
+    scenario: Scenario | None  # its scenario; None for `armadico up` without one
+    mesh: Mesh  # the options of the way to it
+    namespaces: Sequence[str] = ()  # the robots'
+    alone: bool = True  # whether one robot drives a scenario, not a fleet
+    virtual: bool = False  # whether it runs under a virtual clock
+    # Its virtual mesh; None before it is made, and in a live run.
     on: VirtualMesh | None = field(default=None, compare=False)
-    limit: float | None = None
-    seeds: Sequence[int] = ()
-    seed: int = 0
-    series: bool = False
+    limit: float | None = None  # the time limit of the command line, s
+    seeds: Sequence[int] = ()  # those of all runs of the command
+    seed: int = 0  # that of this run
+    series: bool = False  # whether there may be several runs, by `--runs`
 
     @property
     def world(self) -> str | None:

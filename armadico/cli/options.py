@@ -30,7 +30,6 @@ from armadico.cli.parsing import (
 from armadico.core.config_errors import ConfigError
 from armadico.core.errors import UnknownNameError
 from armadico.core.judgement import UNKNOWN_EXIT
-from armadico.mesh.ports import LOOPBACK
 from armadico.mesh.topology import (
     DEFAULT_NAMESPACE,
     HOSTS_VARIABLE,
@@ -315,16 +314,6 @@ def port_option(default: int) -> int:
     """The field of the port at which a command listens."""
     help_ = f"listen on this port; 0: a free port (default: {default})"
     return option(help_, default=default, metavar="P", must=PORT)
-
-
-def bind_option(clients: str) -> str:
-    """The field of the address at which a command listens; `clients` may come from outside."""
-    return option(
-        f"listen on this address: {LOOPBACK} for this machine only, 0.0.0.0 for {clients}"
-        f" (default: {LOOPBACK})",
-        default=LOOPBACK,
-        metavar="ADDRESS",
-    )
 
 
 def accept_option(what: str) -> bool:

@@ -34,21 +34,14 @@ DEFAULT: Final = "localhost"  # the shipped host table, used with --host alone
 
 @dataclass(frozen=True, kw_only=True)
 class Endpoints:
-    """The location of one robot's mesh, as seen from this machine.
+    """The location of one robot's mesh, as seen from this machine."""
 
-    Attributes:
-        namespace: The robot's namespace.
-        connect: Given endpoints of its router; only these are tried.
-        table: The host table, if one is used; one without a file was created in memory.
-        name: This machine's name in it, if it has one.
-        open: Whether a port without keys is wanted, although other machines reach it.
-    """
-
-    namespace: str
-    connect: tuple[str, ...] = ()
+    namespace: str  # the robot's namespace
+    connect: tuple[str, ...] = ()  # given endpoints of its router; only these are tried
+    # The host table, if one is used; one without a file was created in memory.
     table: HostTable | None = None
-    name: str | None = None
-    open: bool = False
+    name: str | None = None  # this machine's name in it, if it has one
+    open: bool = False  # whether a port without keys is wanted, although other machines reach it
 
     @property
     def host(self) -> Host:
@@ -77,9 +70,7 @@ class Endpoints:
     def door(self, name: str = "", *, router: bool = False) -> Door | None:
         """Return the identity of a process; None if the society is open. Raises ConfigError.
 
-        Args:
-            name: As in `armadico.mesh.door`; by default the person's who runs this program.
-            router: Whether the process is the robot's router.
+        By default it has the name of the person who runs this program (`armadico.mesh.door`).
         """
         folder = self.keys
         if folder is None:

@@ -56,13 +56,9 @@ def load_mission(
 ) -> Mission:
     """A shipped mission by its name, or a file.
 
-    Args:
-        name_or_path: The mission.
-        places: The places of its world; None: its places are not checked.
-        start: The start, m, from which they must be reachable; None: not checked.
-
-    Raises:
-        ConfigError: It cannot be read or done, or no package for missions is installed.
+    Its places are checked by those of its world, if given, and must be reachable from `start`, m,
+    if given. Raises ConfigError if it cannot be read or done, or no package for missions is
+    installed.
     """
     for _, load in loaded(MISSIONS):
         return cast("Mission", load(name_or_path, places, start))

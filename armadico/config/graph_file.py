@@ -131,11 +131,8 @@ class SavedGraph:
     ) -> Cells:
         """The grid of the main part, by the installed mapper.
 
-        What a later session saw often enough replaces what was there before.
-
-        Args:
-            step: Called for each scan.
-            which: (n,) the key scans that are drawn instead.
+        What a later session saw often enough replaces what was there before. `step` is called for
+        each scan; `which` (n,) are the key scans that are drawn instead.
         """
         mapper, main = new_mapper(), self.main if which is None else which
         session = self.session[0]

@@ -28,14 +28,10 @@ class Graph(NamedTuple):
 def message_of(
     revision: int, poses: ArrayLike, loops: ArrayLike, off: ArrayLike, uncertain: str = ""
 ) -> MapGraph:
-    """Encode a graph.
+    """Encode the graph of a map's revision.
 
-    Args:
-        revision: Of the map.
-        poses: (n, 3) of the key scans: m, m, rad.
-        loops: (m, 2) indices of the key scans that each loop joins.
-        off: (m,) whether it is switched off.
-        uncertain: Why the map may be wrong.
+    Poses (n, 3) are of the key scans: m, m, rad. Each loop joins those with two indices, (m, 2),
+    and may be `off`, (m,). `uncertain` is why the map may be wrong.
     """
     scans = np.asarray(poses, dtype=np.float64).reshape(-1, 3)
     pairs = np.asarray(loops, dtype=np.intp).reshape(-1, 2)

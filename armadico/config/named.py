@@ -73,20 +73,14 @@ class _Added(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Gazetteer:
-    """The named places of one world, for one robot. The file is read anew whenever it is asked.
-
-    Attributes:
-        world: The world.
-        source: Its name or path.
-        file: The file of added places, which need not exist.
-    """
+    """The named places of one world, for one robot. The file is read anew whenever it is asked."""
 
     def __init__(self, world: str | Path, robot: str | Path = DEFAULT_ROBOT) -> None:
         """The world and the robot's profile, by name or path. Raises ConfigError."""
         path = find("worlds", world)
-        self.world: World = load_world(world)
-        self.source = str(world)
-        self.file = _file(path)
+        self.world: World = load_world(world)  # the world
+        self.source = str(world)  # its name or path
+        self.file = _file(path)  # the file of added places, which need not exist
         self._robot = robot
 
     @property

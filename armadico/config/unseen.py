@@ -41,14 +41,8 @@ def cells(unseen: Unseen) -> Mask:
 def over(unseen: Unseen, xs: Floats, ys: Floats, cell_m: float) -> Mask:
     """Which cells of another grid contain an unseen one, (ys, xs).
 
-    Args:
-        unseen: The unseen cells of the map.
-        xs: The centres of the grid's columns, m.
-        ys: The centres of the grid's rows, m.
-        cell_m: The side of the grid's cells.
-
-    Returns:
-        True also for cells outside the map, as in the corners around a turned one.
+    `xs` and `ys` are the centres of its columns and rows, m. True also for cells outside the map,
+    as in the corners around a turned one.
     """
     mask, found = cells(unseen), np.zeros((len(ys), len(xs)), dtype=np.bool_)
     times = max(1, int(np.ceil(cell_m / unseen.cell_m - 1e-6)))  # samples, for finer maps

@@ -15,17 +15,14 @@ REPEATS: Final = 2  # of the last braking bytes, once the agent has gone
 
 
 class Braking:
-    """The braking bytes of the agent's last write, and when the next of them is due.
-
-    Attributes:
-        due: When the next step is to be written, s; None: the device rests.
-    """
+    """The braking bytes of the agent's last write, and when the next of them is due."""
 
     def __init__(self, step_s: float) -> None:
         """`step_s`: time from one step to the next, s."""
         self._step_s = step_s
         self._steps: tuple[bytes, ...] = ()  # what is left to write; the last one stays
         self._repeats = 0  # how often the last one was written
+        # When the next step is to be written, s; None: the device rests.
         self.due: float | None = None
 
     def renew(self, steps: tuple[bytes, ...], until: float) -> None:

@@ -647,10 +647,8 @@ class Owner:
     ) -> None:
         """Begin without a holder.
 
-        Args:
-            resource: The resource.
-            clock: Its cycles.
-            may_be_critical: Whether an instance's bids may be critical; None: all of them.
+        The clock counts the resource's cycles. `may_be_critical` tells whether an instance's bids
+        may be; None: all of them.
         """
         self.resource = resource
         self.largest: Ballot | None = None
@@ -689,11 +687,8 @@ class Owner:
     ) -> Verdict:
         """Decide on a command, by the first reason that holds.
 
-        Args:
-            command: The received command.
-            now: The time, s.
-            stopped: Whether the robot's stop is latched.
-            fault: What is wrong with the action; empty if nothing.
+        `stopped`: the robot's stop is latched. `fault` is what is wrong with the action; empty if
+        nothing.
         """
         verdict = self._verdict(command, now, stopped=stopped, fault=fault)
         if verdict is Verdict.RELEASED:

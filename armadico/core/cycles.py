@@ -35,26 +35,18 @@ class CycleClock:
     A stray message may still be accepted, if it arrives while the owner hangs or if many rise. The
     clock recovers: if no message of the present epoch arrives for `fresh_cycles`, it returns to
     smaller numbers that go on steadily.
-
-    Attributes:
-        newest: The newest cycle; None before the first.
-        first: The first received cycle of this epoch.
-        resumed: The first cycle after missed ones, or of this epoch.
-        period: Duration of a cycle, s.
-        strays: Number of messages that were rejected, or accepted and found false later.
-        stray: The epoch of the last of them and the reason; for people.
-        returns: How often it returned to smaller numbers; messages of larger ones are void.
     """
 
     def __init__(self, period: float = PERIOD, fresh_cycles: int = 3) -> None:
-        self.newest: Cycle | None = None
-        self.first: Cycle | None = None
-        self.resumed: Cycle | None = None
+        self.newest: Cycle | None = None  # the newest cycle; None before the first
+        self.first: Cycle | None = None  # the first received cycle of this epoch
+        self.resumed: Cycle | None = None  # the first cycle after missed ones, or of this epoch
         self.received_at = -1e9
-        self.period = period
+        self.period = period  # duration of a cycle, s
         self.fresh_cycles = fresh_cycles
-        self.strays = 0
-        self.stray = ""
+        self.strays = 0  # number of messages that were rejected, or accepted and found false later
+        self.stray = ""  # the epoch of the last of them and the reason; for people
+        # How often it returned to smaller numbers; messages of larger ones are void.
         self.returns = 0
         self._lead = 0.0  # cycles by which numbers have run ahead of the time
         self._steady: tuple[Cycle, float, int] | None = None  # last smaller cycle, time, count

@@ -30,36 +30,25 @@ class Authored:
 
 
 class Desk:
-    """The state that the kernel of an agent shares with its parts.
-
-    Attributes:
-        agent: The user's object.
-        now: The agent's time, s.
-        cycles: The robot's cycles.
-        outbox: What the driver is to send, in order.
-        memory: The latched states.
-        authors: Who published them, by kind and topic: the keys, or "" of protocol 2.
-        living: The live instances of other agents.
-        newest: The newest messages, by kind.
-        gatherings: What combines the messages of several publishers, by kind.
-        bids: The records of the last bids.
-        inputs: The key expressions of the needed messages.
-        protocol: The version of the protocol that the agent uses.
-    """
+    """The state that the kernel of an agent shares with its parts."""
 
     def __init__(self, agent: Individual) -> None:
-        self.agent = agent
-        self.now = 0.0
-        self.cycles = CycleClock()
-        self.outbox: list[Outgoing] = []
-        self.memory = Memory(agent.rng, self._gives)
+        self.agent = agent  # the user's object
+        self.now = 0.0  # the agent's time, s
+        self.cycles = CycleClock()  # the robot's cycles
+        self.outbox: list[Outgoing] = []  # what the driver is to send, in order
+        self.memory = Memory(agent.rng, self._gives)  # the latched states
         self.memory.judges = m.RobotState in agent.provides
+        # Who published them, by kind and topic: the keys, or "" of protocol 2.
         self.authors: dict[What, Authored] = {}
-        self.living: set[str] = set()
-        self.newest: dict[type[Message], Message] = {}
+        self.living: set[str] = set()  # the live instances of other agents
+        self.newest: dict[type[Message], Message] = {}  # the newest messages, by kind
+        # What combines the messages of several publishers, by kind.
         self.gatherings: dict[type[Message], Gathering] = {}
+        # The records of the last bids.
         self.bids: deque[m.BidRecord] = deque(maxlen=BIDS_REMEMBERED)
-        self.protocol = agent.identity.protocol
+        self.protocol = agent.identity.protocol  # the version of the protocol that the agent uses
+        # The key expressions of the needed messages.
         self.inputs = tuple(expression(self._key(kind)) for kind in agent.needs)
 
     def key_of(self, kind: type[Message], **names: str) -> str:

@@ -106,9 +106,6 @@ class Driver:
     """Runs one agent. All calls come from one thread; times are s of any one clock.
 
     The agent's own time is that clock's, less pauses beyond `PAUSE_S`.
-
-    Attributes:
-        now: Time of the last call, s by the caller's clock.
     """
 
     def __init__(
@@ -121,15 +118,12 @@ class Driver:
     ) -> None:
         """Begin admission.
 
-        Args:
-            agent: The agent to run.
-            now: The time, s.
-            admit: False: the agent joins without admission.
-            wall: Returns wall time for the card, s since 1970: for people only.
+        Without `admit` the agent joins without admission. `wall` returns wall time for the card, s
+        since 1970: for people only.
         """
         self.agent = agent
         self.kernel = agent.kernel
-        self.now = now
+        self.now = now  # time of the last call, s by the caller's clock
         self._paused_s = 0.0  # time that did not pass for the agent
         self.stage = Stage.LOOKING
         self.refusal = ""  # why it may not join, or stay

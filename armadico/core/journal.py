@@ -131,13 +131,8 @@ class Journalled(Driver):
     ) -> None:
         """Begin admission and the journal.
 
-        Args:
-            agent: The agent to run.
-            now: The time, s.
-            head: The agent's identity, for `START`.
-            admit: False: the agent joins without admission.
-            wall: Returns wall time for the card, s since 1970.
-            publishes: The pieces are published; False: the caller gets them from `pieces`.
+        `head` is the agent's identity, for `START`; `admit` and `wall` are as in `Driver`. The
+        pieces are published, or without `publishes` the caller gets them from `pieces`.
         """
         super().__init__(agent, now, admit=admit, wall=None if wall is None else self._shown)
         self._machine = wall

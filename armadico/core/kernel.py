@@ -53,15 +53,12 @@ from armadico.core.settings import Settings
 
 @dataclass(frozen=True, slots=True)
 class Subscription:
-    """A subscription: messages of a type on the keys of a pattern.
-
-    Attributes:
-        shared: The key that all publishers have in an older protocol; "" if it is none of them.
-    """
+    """A subscription: messages of a type on the keys of a pattern."""
 
     message: type[Message]
     pattern: str
     kind: Kind
+    # The key that all publishers have in an older protocol; "" if it is none of them.
     shared: str = field(init=False, compare=False)  # kept, as each delivery asks for it
 
     def __post_init__(self) -> None:
@@ -118,31 +115,23 @@ class _Route:
 
 
 class Kernel(Desk):
-    """Runs one agent between its driver and the user's object.
-
-    Attributes:
-        tenure: The cycles for which the agent has worked.
-        foreign: Instances that do not understand its protocol, or have other resources.
-        speaks: The protocols that other instances use, by their cards.
-        elders: Whether one of them uses an older protocol than the agent.
-        closed: Whether the society has keys, so that no agent of protocol 2 takes part.
-        reachable: Whether the robot's router can be reached.
-        drawn: The state of `rng` before the first draw: a replay begins here.
-        alarm: When the agent wants to be woken, s.
-    """
+    """Runs one agent between its driver and the user's object."""
 
     def __init__(self, agent: Individual) -> None:
         super().__init__(agent)
+        # The state of `rng` before the first draw: a replay begins here.
         self.drawn = agent.rng.getstate()
-        self.tenure = 0
+        self.tenure = 0  # the cycles for which the agent has worked
+        # Instances that do not understand its protocol, or have other resources.
         self.foreign: set[str] = set()
-        self.speaks: dict[str, int] = {}
-        self.elders = False
+        self.speaks: dict[str, int] = {}  # the protocols that other instances use, by their cards
+        self.elders = False  # whether one of them uses an older protocol than the agent
         self._contending: dict[str, m.Card] = {}  # by instance, for what this agent owns
+        # Whether the society has keys, so that no agent of protocol 2 takes part.
         self.closed = False
-        self.reachable = True
+        self.reachable = True  # whether the robot's router can be reached
         self.subscriptions = subscriptions(type(agent), self.protocol)
-        self.alarm: float | None = None
+        self.alarm: float | None = None  # when the agent wants to be woken, s
         self._settings = Settings(self)
         self._queries = 0
         self._replies: dict[int, Callable[..., None]] = {}  # of the queries under way

@@ -73,18 +73,12 @@ class _Far:
 
 
 class Memory:
-    """All latched states that one process stores.
-
-    Attributes:
-        refused: The number of rejected counters.
-        gives: Whether this process restores a state to others now.
-        judges: Whether it is the robot agent, whose state shows the others the stop.
-    """
+    """All latched states that one process stores."""
 
     def __init__(self, rng: random.Random, gives: Callable[[What], bool] = lambda _: True) -> None:
-        self.refused = 0
-        self.gives = gives
-        self.judges = False
+        self.refused = 0  # the number of rejected counters
+        self.gives = gives  # whether this process restores a state to others now
+        self.judges = False  # whether it is the robot agent, whose state shows the others the stop
         self._rng = rng
         self._known: dict[What, Latched] = {}
         self._restore_at: dict[What, float] = {}

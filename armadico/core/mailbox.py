@@ -29,15 +29,11 @@ T = TypeVar("T")
 
 
 class Mailbox(Generic[T]):
-    """Deliveries in order of arrival, by key.
-
-    Attributes:
-        dropped: The dropped items, by key, since the last report.
-        lanes: The waiting items, by key; empty if nothing waits.
-    """
+    """Deliveries in order of arrival, by key."""
 
     def __init__(self) -> None:
-        self.dropped: Counter[str] = Counter()
+        self.dropped: Counter[str] = Counter()  # the dropped items, by key, since the last report
+        # The waiting items, by key; empty if nothing waits.
         self.lanes: dict[str, deque[tuple[int, T]]] = {}
         self._alike: Counter[str] = Counter()  # lanes, by all but the last part of their keys
         self._arrivals = 0

@@ -83,15 +83,9 @@ class Admission:
     ) -> None:
         """Begin to observe.
 
-        Args:
-            name: The agent's name.
-            instance: The instance's id.
-            now: The time, s.
-            alone: Whether no second instance of the agent may be alive.
-            owns: Resources that no other instance may own.
-            protocol: The protocol that it uses.
-            rights: As in `Identity`: with keys, a card that claims a resource which its instance
-                may not own keeps the owner out no more.
+        `alone`: no second instance of the agent may be alive. `owns` are resources that no other
+        instance may own. `rights` are as in `Identity`: with keys, a card that claims a resource
+        which its instance may not own keeps the owner out no more.
         """
         self.stage = Stage.LOOKING
         self.refusal = ""

@@ -58,10 +58,7 @@ effect, so a launcher refuses it and an arbiter reports it (`names_set`)."""
 def agents_named(value: object, hint: Any = None, at: str = "") -> Iterator[tuple[str, str]]:
     """Yield each agent that a value names, after the parameter in which it does, such as `wires`.
 
-    Args:
-        value: Parameters, or a part of them.
-        hint: Its annotation, unless it is a struct.
-        at: Its parameter.
+    The value is parameters, or a part of them at `at`, with its annotation unless it is a struct.
     """
     if isinstance(value, Struct):
         hints = get_type_hints(type(value), include_extras=True)

@@ -47,17 +47,12 @@ from armadico.keys.rights import (
 
 @dataclass(frozen=True)
 class Subject:
-    """One identity, and the classes whose declarations give its rights.
+    """One identity, and the classes whose declarations give its rights."""
 
-    Attributes:
-        name: The identity within its namespace: `goto`, `goto+avoid`, `page`, `person-ada`.
-        agents: The classes of its agents, by name.
-        guest: What it is besides, if it is no agent.
-    """
-
-    name: str
+    name: str  # the identity within its namespace: `goto`, `goto+avoid`, `page`, `person-ada`
+    # The classes of its agents, by name.
     agents: Mapping[str, type[Individual]] = field(default_factory=dict)
-    guest: type[Guest] | None = None
+    guest: type[Guest] | None = None  # what it is besides, if it is no agent
 
     @property
     def speakers(self) -> tuple[str, ...]:
@@ -70,13 +65,10 @@ class RightsError(ValueError):
 
 
 def table(subjects: Sequence[Subject], robot: str = "") -> Table:
-    """Return the rights of all identities.
+    """Return the rights of all identities, the robot's included.
 
-    Args:
-        subjects: All identities, the robot's included.
-        robot: What keys between robots call it: the last part of its namespace.
-
-    Raises RightsError if what two identities publish cannot be told apart.
+    Keys between robots call it `robot`: the last part of its namespace. Raises RightsError if what
+    two identities publish cannot be told apart.
     """
     _check(subjects)
     found: dict[tuple[str, Does, str], Because] = {}

@@ -29,10 +29,7 @@ if TYPE_CHECKING:
 def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
     """Return the door of an identity of this computer. Raises ConfigError.
 
-    Args:
-        where: The society, with its folder of keys.
-        name: The identity, without its namespace.
-        router: Whether the process is the robot's router.
+    The name is without its namespace; `router`: the process is the robot's router.
     """
     assert where.keys is not None, "only a society with keys has doors"
     store = Store(where.keys)

@@ -44,17 +44,11 @@ HERE = ("localhost", "127.0.0.1", "::1")
 
 @dataclass(frozen=True)
 class Issuer:
-    """What issues identities.
+    """What issues identities."""
 
-    Attributes:
-        store: The folder with the authority's key.
-        pair: The authority.
-        hours: How long a client's certificate is valid.
-    """
-
-    store: Store
-    pair: Pair
-    hours: float = CLIENT_HOURS
+    store: Store  # the folder with the authority's key
+    pair: Pair  # the authority
+    hours: float = CLIENT_HOURS  # how long a client's certificate is valid
 
     @staticmethod
     def of(found: Store, hours: float = CLIENT_HOURS) -> Issuer:

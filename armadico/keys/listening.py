@@ -47,10 +47,8 @@ class Listening:
     def __init__(self, mesh: ZenohMesh, remake: Callable[[], Door], named: Sequence[str]) -> None:
         """Begin. Raises MeshError if an endpoint cannot be listened on.
 
-        Args:
-            mesh: The router's mesh, which is open.
-            remake: Returns the router's door by the present files. Raises ConfigError.
-            named: The addresses of the host table.
+        The router's mesh is open; `remake` returns its door by the present files, or raises
+        ConfigError. `named` are the addresses of the host table.
         """
         self._mesh, self._remake, self._named = mesh, remake, named
         door = mesh.where.door

@@ -28,16 +28,12 @@ C = TypeVar("C")  # a connection
 
 
 class Lobby(Generic[C]):
-    """The connections that have not introduced themselves.
-
-    Attributes:
-        named: The sources that are served before others.
-        waiting: All of them, and where each comes from.
-    """
+    """The connections that have not introduced themselves."""
 
     def __init__(self, named: frozenset[str] = frozenset()) -> None:
         """Begin without connections."""
-        self.named = named
+        self.named = named  # the sources that are served before others
+        # All of them, and where each comes from.
         self.waiting: OrderedDict[C, tuple[str, float]] = OrderedDict()
         self._of: dict[str, OrderedDict[C, None]] = {}
         self._ready: OrderedDict[str, OrderedDict[C, None]] = OrderedDict()  # sources take turns

@@ -75,17 +75,11 @@ ACCEPTS: Final = 32
 
 @dataclass(eq=False, slots=True)
 class Newcomer:
-    """A connection that has not introduced itself.
+    """A connection that has not introduced itself."""
 
-    Attributes:
-        outer: The connection; with TLS once its handshake has begun.
-        peer: Its address.
-        asks: It asks for a new certificate, and gets nothing else.
-    """
-
-    outer: socket.socket
-    peer: str
-    asks: bool = False
+    outer: socket.socket  # the connection; with TLS once its handshake has begun
+    peer: str  # its address
+    asks: bool = False  # it asks for a new certificate, and gets nothing else
 
 
 class Porter:
@@ -98,16 +92,7 @@ class Porter:
         store: Store,
         router: Path,
     ) -> None:
-        """Begin.
-
-        Args:
-            listening: The sockets to accept connections on.
-            namespace: The robot's.
-            store: The keys of this computer.
-            router: The router's socket.
-
-        Raises ConfigError if the keys cannot be used.
-        """
+        """Accept connections on `listening`. Raises ConfigError if the keys cannot be used."""
         self._router = router
         self._links_file = router.with_suffix(LINKS)
         self._listed: list[tuple[str, float, float]] = []

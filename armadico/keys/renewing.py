@@ -36,17 +36,13 @@ REPEAT_S: Final = 600.0
 
 
 class Renewing:
-    """Renews a client's certificate.
-
-    Attributes:
-        fault: Why it could not be renewed; "" if it was, or need not be.
-    """
+    """Renews a client's certificate."""
 
     def __init__(self, mesh: ZenohMesh, wall: Callable[[], float] = time.time) -> None:
         """Begin; `wall` returns the time by which certificates are valid, s."""
         door = mesh.where.door
         assert door is not None, "an open society needs no renewal"
-        self.fault = ""
+        self.fault = ""  # why it could not be renewed; "" if it was, or need not be
         self._mesh, self._door, self._wall = mesh, door, wall
         self._store = Store(Path(door.folder))
         self._identity = self._store.of(door.name)

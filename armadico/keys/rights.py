@@ -88,18 +88,12 @@ class Critical(NamedTuple):
 
 
 class Table(Struct, frozen=True):
-    """The rights of a society.
+    """The rights of a society."""
 
-    Attributes:
-        rights: All of them. Those of `robot` are for people: it is the router.
-        speakers: By identity, what its instances begin with.
-        critical: The agents whose bids may be critical.
-        silent: Agents whose classes declare nothing beyond what every agent does.
-    """
-
-    rights: tuple[Right, ...]
-    speakers: dict[str, tuple[str, ...]]
-    critical: tuple[Critical, ...] = ()
+    rights: tuple[Right, ...]  # All of them. Those of `robot` are for people: it is the router.
+    speakers: dict[str, tuple[str, ...]]  # by identity, what its instances begin with
+    critical: tuple[Critical, ...] = ()  # the agents whose bids may be critical
+    # Agents whose classes declare nothing beyond what every agent does.
     silent: tuple[str, ...] = ()
 
     def of(self, identity: str) -> list[Right]:

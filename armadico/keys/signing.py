@@ -57,11 +57,7 @@ class Verifier:
     ) -> None:
         """Read the authority's certificate. Raises OSError or ValueError.
 
-        Args:
-            namespace: The robot's.
-            authority: The file of the certificate.
-            now: Returns the time.
-            void: Returns the user names whose keys count no more; None while that is not known.
+        `void` returns the user names whose keys count no more; None while that is not known.
         """
         self._namespace, self._now, self._void = namespace, now, void
         self._authority = load_pem_x509_certificate(authority.read_bytes())

@@ -49,37 +49,25 @@ BACKDATED_S: Final = 3600.0
 
 @dataclass(frozen=True)
 class Issue:
-    """One issue of an identity: the keys that one archive has of it.
+    """One issue of an identity: the keys that one archive has of it."""
 
-    Attributes:
-        number: Counts the issues of the identity (`user_of`).
-        holders: What has these keys: a host, or the archive of a person or an agent. Older folders
-            have one issue for all hosts.
-        given: When keys of it were last made, as ISO 8601; "" before the first.
-        revoked: When it was revoked; "" if it is not.
-    """
-
-    number: int
+    number: int  # counts the issues of the identity (`user_of`)
+    # What has these keys: a host, or the archive of a person or an agent. Older folders have one
+    # issue for all hosts.
     holders: tuple[str, ...] = ()
-    given: str = ""
-    revoked: str = ""
+    given: str = ""  # when keys of it were last made, as ISO 8601; "" before the first
+    revoked: str = ""  # when it was revoked; "" if it is not
 
 
 @dataclass(frozen=True)
 class Member:
-    """An identity, as the authority and the robot's computer list it.
+    """An identity, as the authority and the robot's computer list it."""
 
-    Attributes:
-        name: `<namespace>/<name>`.
-        kind: agent, robot, person, page, mcp, ros2, viewer, launcher or simulator.
-        agents: The agents of its process.
-        issues: What was, or will be, issued of it. Each issue has its own certificate, password
-            and user name, so it can be revoked alone. The robot has one.
-    """
-
-    name: str
-    kind: str
-    agents: tuple[str, ...] = ()
+    name: str  # `<namespace>/<name>`
+    kind: str  # agent, robot, person, page, mcp, ros2, viewer, launcher or simulator
+    agents: tuple[str, ...] = ()  # the agents of its process
+    # What was, or will be, issued of it. Each issue has its own certificate, password and user
+    # name, so it can be revoked alone. The robot has one.
     issues: tuple[Issue, ...] = ()
 
     @property

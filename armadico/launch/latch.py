@@ -32,27 +32,19 @@ class Latching:
     """One stop or one release: the message to publish, and the outcome.
 
     Sans-IO: the robot agent's states and the time go in.
-
-    Attributes:
-        known: The stop in the robot agent's newest state; None without a state.
-        latched: Whether the robot agent has acknowledged the stop for `HELD_S`.
-        done: Whether the robot is stopped and its wheels rest, or it is released.
-        refusal: Why it cannot be done.
     """
 
     def __init__(self, *, stopped: bool, by: str, press: int, code: str | None = None) -> None:
-        """Begin.
+        """Begin to stop the robot, or to release it.
 
-        Args:
-            stopped: True to stop the robot, False to release it.
-            by: The person or program, for people.
-            press: The random number of this stop. A release uses that of the stop it releases.
-            code: The code of the only stop to release; None: any.
+        `by` is the person or program, for people; `press` the random number of this stop, or of the
+        one that is released; `code` that of the only stop to release, None: any.
         """
+        # The stop in the robot agent's newest state; None without a state.
         self.known: Stop | None = None
-        self.latched = False
-        self.done = False
-        self.refusal = ""
+        self.latched = False  # whether the robot agent has acknowledged the stop for `HELD_S`
+        self.done = False  # whether the robot is stopped and its wheels rest, or it is released
+        self.refusal = ""  # why it cannot be done
         self._stopped, self._by, self._press, self._code = stopped, by, press, code
         self._release: Stop | None = None
         self._blind = 0  # calls since the last new state

@@ -42,13 +42,7 @@ INSTEAD = (
 
 
 class Launcher(LiveRun):
-    """The processes of one run; a context manager that leaves nothing running.
-
-    Attributes:
-        members: The agents that were started.
-        table: Their processes, with the simulator's.
-        ended: Processes that ended during the run.
-    """
+    """The processes of one run; a context manager that leaves nothing running."""
 
     def __init__(
         self,
@@ -69,7 +63,8 @@ class Launcher(LiveRun):
         """
         options = replace(options, namespace=namespace)
         super().__init__(scenario, options, mesh, silent_s=silent_s, idle_s=idle_s)
-        self.members: tuple[Member, ...] = ()
+        self.members: tuple[Member, ...] = ()  # the agents that were started
+        # Their processes, with the simulator's.
         self.table = ProcessTable(
             namespace,
             joining,
@@ -79,7 +74,7 @@ class Launcher(LiveRun):
             prefix="" if logs is None else f"{namespace.rpartition('/')[2]}-",
         )
         self._namespace = namespace
-        self.ended: set[Process] = set()
+        self.ended: set[Process] = set()  # processes that ended during the run
 
     @property
     def processes(self) -> list[Process]:

@@ -19,22 +19,16 @@ from armadico.mesh.sockets import identity, is_held, share_of, shares_of
 
 @dataclass(frozen=True)
 class Share:
-    """A running share: process, host, namespace, agents, log folder.
-
-    Attributes:
-        open: The open port; empty: none.
-        world: The robot's world, by name or absolute path; empty: it is not known.
-        robot: The robot's profile likewise.
-    """
+    """A running share: process, host, namespace, agents, log folder."""
 
     pid: int
     host: str
     namespace: str
     agents: tuple[str, ...]
     logs: str
-    open: str = ""
-    world: str = ""
-    robot: str = ""
+    open: str = ""  # the open port; empty: none
+    world: str = ""  # the robot's world, by name or absolute path; empty: it is not known
+    robot: str = ""  # the robot's profile likewise
 
 
 class TakenError(RuntimeError):

@@ -82,27 +82,19 @@ def logs_folder() -> Path:
 
 @dataclass
 class ProcessTable:
-    """The processes that one program has started for a society, and the folder of their logs.
+    """The processes that one program has started for a society, and the folder of their logs."""
 
-    Attributes:
-        namespace: The robot's subtree of keys.
-        joining: Options by which the processes find the mesh, if it is not the default one.
-        tied: They end with this process, instead of driving on.
-        journal: The agents publish their inputs and outputs.
-        logs: The folder.
-        prefix: The prefix of the log names, if several societies share the folder.
-        processes: In the order of their start; ended ones stay until `take_ended`.
-        simulator: The id of its simulator, by which the robot's truth is known; a restarted one
-            has the same. Empty: none was started.
-    """
-
-    namespace: str
+    namespace: str  # the robot's subtree of keys
+    # Options by which the processes find the mesh, if it is not the default one.
     joining: Sequence[str] = ()
-    tied: bool = False
-    journal: bool = False
-    logs: Path = field(default_factory=logs_folder)
-    prefix: str = ""
+    tied: bool = False  # they end with this process, instead of driving on
+    journal: bool = False  # the agents publish their inputs and outputs
+    logs: Path = field(default_factory=logs_folder)  # the folder
+    prefix: str = ""  # the prefix of the log names, if several societies share the folder
+    # In the order of their start; ended ones stay until `take_ended`.
     processes: list[Process] = field(default_factory=list)
+    # The id of its simulator, by which the robot's truth is known; a restarted one has the same.
+    # Empty: none was started.
     simulator: str = ""
 
     def start(self, name: str, words: Sequence[str], *, listen: bool = False) -> Process:

@@ -67,24 +67,17 @@ def _drives(name: str) -> bool:
 
 
 class Run(Generic[W, R]):
-    """The life cycle of a run, as a context manager.
+    """The life cycle of a run, as a context manager."""
 
-    Attributes:
-        scenario: The scenario and its agents.
-        options: The other options of the run.
-        watch: Its measures.
-        limit: Its time limit, s, from `begin` on.
-    """
-
-    watch: W
+    watch: W  # its measures
 
     step_s = 0.2
     """Period of progress reports and checks, s."""
 
     def __init__(self, scenario: Scenario, options: Options) -> None:
-        self.scenario = scenario
-        self.options = options
-        self.limit = time_limit(0.0, options)
+        self.scenario = scenario  # the scenario and its agents
+        self.options = options  # the other options of the run
+        self.limit = time_limit(0.0, options)  # its time limit, s, from `begin` on
         self._warn: Callable[[str], None] = lambda _: None
 
     def __enter__(self) -> Self:

@@ -58,7 +58,7 @@ from armadico.core.mechanisms import (
     vain,
 )
 from armadico.core.parameters import names_set
-from armadico.core.resources import WHEELS, Resource
+from armadico.core.resources import WHEELS
 from armadico.launch.options import Options as Options  # noqa: PLC0414 - for importers
 from armadico.mobile.errand import Order
 from armadico.mobile.messages import MissionRequest, Waypoint
@@ -166,13 +166,9 @@ def checked_arbiters(
 ) -> tuple[str, ...]:
     """The arbiters of the chosen coordinations, which may have none.
 
-    Args:
-        options: The options of the run.
-        taking: The agents of this host.
-        everywhere: Those of all hosts.
-
-    Raises UnknownNameError, and ConfigError if one of the agents lacks what a coordination needs,
-    if two decide about the same, or one about nothing, or another arbiter takes part.
+    The agents of this host are `taking`, those of all hosts `everywhere`. Raises UnknownNameError,
+    and ConfigError if one of the agents lacks what a coordination needs, if two decide about the
+    same, or one about nothing, or another arbiter takes part.
     """
     known = coordinations(options.coordination)
     found = tuple(each.arbiter for each in known.values() if each.arbiter)
@@ -190,7 +186,9 @@ def checked_arbiters(
         return ()
     for arbiter in found:
         find(AGENTS, arbiter)
-    driving = {name: agent_class(name) for name in taking if WHEELS in _competes_for(name)}
+    driving = {
+        name: agent_class(name) for name in taking if WHEELS in agent_class(name).competes_for
+    }
     here = installed(AGENTS)
     strange = any(name not in here for name in everywhere)  # what those compete for is unknown
     agents = {name: agent_class(name) for name in everywhere if name in here}
@@ -312,12 +310,10 @@ def names(scenario: Scenario, without: Sequence[str] = ()) -> tuple[str, ...]:
     agents = sensing(scenario.agents, scenario.robot)
     others = [name for name in agents if name not in (robot, *without)]
     if scenario.redundant:
-        others = [name for name in others for _ in range(1 + (WHEELS in _competes_for(name)))]
+        others = [
+            name for name in others for _ in range(1 + (WHEELS in agent_class(name).competes_for))
+        ]
     return (robot, *others)
-
-
-def _competes_for(name: str) -> Collection[Resource]:
-    return agent_class(name).competes_for
 
 
 def members(scenario: Scenario, options: Options, port: str) -> tuple[Member, ...]:

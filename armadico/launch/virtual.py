@@ -47,21 +47,13 @@ SETTLE_S = 1.0
 
 @dataclass(frozen=True)
 class Share:
-    """The agents that one host of a table starts, and those that it can start.
+    """The agents that one host of a table starts, and those that it can start."""
 
-    Attributes:
-        host: The name of the host.
-        processes: The agents of each process by its label.
-        can: Agents that it can start in place of another host.
-        needs: Agents that the society needs.
-        router: The robot agent if this host runs it, else "".
-    """
-
-    host: str
-    processes: dict[str, tuple[Member, ...]]
-    can: tuple[str, ...] = ()
-    needs: tuple[str, ...] = ()
-    router: str = ""
+    host: str  # the name of the host
+    processes: dict[str, tuple[Member, ...]]  # the agents of each process by its label
+    can: tuple[str, ...] = ()  # agents that it can start in place of another host
+    needs: tuple[str, ...] = ()  # agents that the society needs
+    router: str = ""  # the robot agent if this host runs it, else ""
 
 
 class Machine(Device, Protocol):
@@ -97,13 +89,9 @@ class Rehearsal(RobotRun):
     ) -> None:
         """Start all agents.
 
-        Args:
-            scenario: The scenario.
-            options: Its options.
-            clock: Returns a clock for each process, by its agent's name.
-            mesh: The network; None: the default one with the options' seed.
-            hosts: Machines with a wakeup agent each, which start their share and keep it running
-                as `armadico up` does; None: no agent is restarted.
+        `clock` returns a clock for each process, by its agent's name. Machines in `hosts` have a
+        wakeup agent each, which starts their share and keeps it running as `armadico up` does;
+        None: no agent is restarted.
         """
         self.mesh = VirtualMesh(options.seed) if mesh is None else mesh
         self.namespace = options.namespace

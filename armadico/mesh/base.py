@@ -91,14 +91,10 @@ class Mesh(Time, Protocol):
         each: Receiver,
         done: Callable[[], None],
     ) -> None:
-        """Send a query.
+        """Send a query, to all that answer on the keys of `key`, which may be a pattern.
 
-        Args:
-            key: May be a pattern; the query goes to all that answer on its keys.
-            request: The request.
-            timeout: When to stop waiting, s.
-            each: Called with each reply.
-            done: Called once after the last reply: all have replied, none could, or timeout.
+        `each` is called with each reply, and `done` once after the last one: all have replied, none
+        could, or the timeout (s) is over.
         """
 
     def answer(self, key: str, receiver: Callable[[Call], None]) -> None:

@@ -60,11 +60,8 @@ def tls_place(endpoint: str) -> tuple[str, int] | None:
 def refusal(endpoint: str, door: Door, within: float, *, waits: bool = False) -> str | None:
     """Return why a router's TLS port refuses a door; "" if it does not, None if none listens.
 
-    Args:
-        endpoint: The router's, over TLS.
-        door: The identity.
-        within: Timeout of connecting and of the handshake, s.
-        waits: Whether to wait for the router's objection, too.
+    Connecting and the handshake may each take `within` s. `waits`: wait for the router's objection,
+    too.
     """
     place = tls_place(endpoint)
     assert place is not None, "only TLS has handshakes"

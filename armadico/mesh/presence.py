@@ -48,23 +48,18 @@ Changed = Callable[[str, str, bool], None]
 
 
 class Presence:
-    """Filters changes of liveliness tokens.
-
-    Attributes:
-        reachable: Whether this process is linked to the robot's router, or is the router.
-        reported: The agents that were reported as alive: name and instance.
-    """
+    """Filters changes of liveliness tokens."""
 
     def __init__(
         self, changed: Changed, router_changed: Callable[[bool], None], *, reachable: bool = False
     ) -> None:
         """Begin without agents.
 
-        Args:
-            changed: Called when an agent appears or disappears.
-            router_changed: Called when the robot's router becomes reachable or unreachable.
-            reachable: Whether the router is reachable at the beginning; this is not reported.
+        `changed` is called when an agent appears or disappears, `router_changed` when the robot's
+        router becomes reachable or unreachable. What is `reachable` at the beginning is not
+        reported.
         """
+        # Whether this process is linked to the robot's router, or is the router.
         self.reachable = reachable
         self._changed, self._router_changed = changed, router_changed
         self._there: set[tuple[str, str]] = set()
@@ -73,6 +68,7 @@ class Presence:
         self._new_at: deque[tuple[float, str]] = deque()  # the same, in order
         self._waiting: dict[tuple[str, str], None] = {}  # for room, in order
         self._room_at = inf
+        # The agents that were reported as alive: name and instance.
         self.reported: set[tuple[str, str]] = set()
         self._poll_at = inf
         self._inquired = False  # on this link

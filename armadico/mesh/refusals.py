@@ -14,14 +14,10 @@ LATER_S: Final = 1.0  # the longest pause after refusals, s: each attempt costs 
 
 
 class Refusals:
-    """The refusals of a client's routers.
-
-    Attributes:
-        pause: How long to wait before the next attempt, s.
-    """
+    """The refusals of a client's routers."""
 
     def __init__(self, namespace: str, where: Topology) -> None:
-        self.pause = AGAIN_S
+        self.pause = AGAIN_S  # how long to wait before the next attempt, s
         self._namespace, self._where = namespace, where
         self._why: dict[str, str] = {}  # by endpoint; "": it accepted the handshake alone
         self._accepted: set[str] = set()  # endpoints that did not object to the identity either
@@ -57,11 +53,7 @@ class Refusals:
         self._accepted.clear()
 
     def why(self, joining: str = "") -> str:
-        """Return why a router that is there lets this process not in; "" if that is not known.
-
-        Args:
-            joining: The router that is being joined, as people read it.
-        """
+        """Why a router, named `joining`, lets this process not in; "" if that is not known."""
         path = sockets.socket_of(self._namespace) if self._where.socket else None
         here = path is not None and sockets.holder(path) is not None
         door, folder = self._where.door, sockets.keys_here(self._namespace) if here else None

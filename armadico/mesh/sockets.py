@@ -164,11 +164,7 @@ def robots_here() -> list[str]:
     routers = [p.name.removesuffix(".sock.lock") for p in where.glob("*.sock.lock") if is_held(p)]
     shares = [p.name.rpartition("@")[0] for p in where.glob("*@*.json") if is_held(p)]
     names = {name for name in routers if not re.fullmatch(_SHORTENED, name)} | {*shares}
-    return sorted(re.sub("%([0-9a-f]{2})", _character, name) for name in names)
-
-
-def _character(escaped: re.Match[str]) -> str:
-    return chr(int(escaped[1], 16))
+    return sorted(re.sub("%([0-9a-f]{2})", lambda c: chr(int(c[1], 16)), name) for name in names)
 
 
 def socket_of(namespace: str) -> Path:
@@ -342,18 +338,13 @@ def _has_open(pid: int, path: Path) -> bool:
 
 
 class Stopped(NamedTuple):
-    """Which processes of this computer have the order to stop a robot.
+    """Which processes of this computer have the order to stop a robot."""
 
-    Attributes:
-        pid: The robot agent's, or that of `armadico up`, which passes it on; None without one: it
-            is not there, not this user's, or the signal would end it.
-        guard: The guard's answer; None without one.
-        latched: The robot agent has latched the stop, by what it told its guard.
-    """
-
+    # The robot agent's, or that of `armadico up`, which passes it on; None without one: it is not
+    # there, not this user's, or the signal would end it.
     pid: int | None
-    guard: Guard | None = None
-    latched: bool = False
+    guard: Guard | None = None  # the guard's answer; None without one
+    latched: bool = False  # the robot agent has latched the stop, by what it told its guard
 
 
 def stop(namespace: str, within: float = LATCHES_S) -> Stopped:

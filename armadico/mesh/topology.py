@@ -35,23 +35,15 @@ class MeshError(RuntimeError):
 
 
 class Topology(NamedTuple):  # importing `dataclasses` is slow, and `armadico stop` is urgent
-    """How one process joins the mesh.
+    """How one process joins the mesh."""
 
-    Attributes:
-        router: Whether it is the robot's router.
-        listen: Endpoints of a router, besides the namespace's socket.
-        connect: Endpoints that a client tries besides the socket, in order.
-        socket: Whether the namespace's socket on this computer is the robot's.
-        peers: Endpoints of the routers of robots on other computers with which it shares keys.
-        door: Its identity; None: the society is open.
-    """
-
-    router: bool = False
-    listen: tuple[str, ...] = ()
-    connect: tuple[str, ...] = ()
-    socket: bool = True
+    router: bool = False  # whether it is the robot's router
+    listen: tuple[str, ...] = ()  # endpoints of a router, besides the namespace's socket
+    connect: tuple[str, ...] = ()  # endpoints that a client tries besides the socket, in order
+    socket: bool = True  # whether the namespace's socket on this computer is the robot's
+    # Endpoints of the routers of robots on other computers with which it shares keys.
     peers: tuple[str, ...] = ()
-    door: Door | None = None
+    door: Door | None = None  # its identity; None: the society is open
 
 
 def several(names: str | Sequence[str]) -> tuple[str, ...]:

@@ -59,11 +59,7 @@ class VirtualMesh(Network):
     ) -> None:
         """Begin without processes.
 
-        Args:
-            seed: The seed of all random streams.
-            ties: Draws the order of events at equal times; None: as they were scheduled.
-            lease: As `LEASE`, s.
-            reconnect: As `RECONNECT`, s.
+        `ties` draws the order of events at equal times; None: as they were scheduled.
         """
         super().__init__(seed, ties)
         self.joined: Callable[[Node], None] | None = None  # called with each added node
@@ -190,15 +186,9 @@ class VirtualMesh(Network):
     ) -> str:
         """Send a publication to all receivers except its publisher.
 
-        Args:
-            sender: The address whose links it takes.
-            key: The key.
-            message: The message.
-            publisher: The publisher; None: from outside the society.
-            namespace: The robot, if there is no publisher.
-
-        Returns:
-            Why the message cannot be received, or an empty text.
+        It takes the links of the address `sender`. A `publisher` of None is outside the society,
+        and only then does `namespace` count. Returns why the message cannot be received, or an
+        empty text.
         """
         namespace = namespace if publisher is None else publisher.namespace
         watchers = self._watchers.get((namespace, type(message)), ())

@@ -11,18 +11,13 @@ Step = Callable[..., None]  # a scheduled call, with its two arguments
 
 
 class Scheduler:
-    """Virtual time, scheduled events, and the random streams of a seed.
-
-    Attributes:
-        now: The time, s.
-        events: Number of events so far.
-    """
+    """Virtual time, scheduled events, and the random streams of a seed."""
 
     def __init__(self, seed: int, ties: random.Random | None) -> None:
         """Begin at time 0. `ties` draws the order of equal times; None: as scheduled."""
         self.seed = seed
-        self.now = 0.0
-        self.events = 0
+        self.now = 0.0  # the time, s
+        self.events = 0  # number of events so far
         self._ties = ties
         self._heap: list[tuple[float, int, Step, object, object]] = []
         self._sequence = 0

@@ -123,13 +123,7 @@ Route = tuple[Place, Step, object]  # the receiver, the call for a delivery, its
 
 
 class Network(Scheduler):
-    """The places and the links between them: the mesh as its parts see it.
-
-    Attributes:
-        places: The processes of agents, and the guests.
-        refused: Called with a node that may not join, or stay.
-        head: Returns the head of an agent's journal, if journals are kept.
-    """
+    """The places and the links between them: the mesh as its parts see it."""
 
     # The other parts, in modules of their own. They use only this class and these names.
     star: Any
@@ -139,8 +133,10 @@ class Network(Scheduler):
 
     def __init__(self, seed: int, ties: Random | None) -> None:
         super().__init__(seed, ties)
-        self.places: list[Place] = []
+        self.places: list[Place] = []  # the processes of agents, and the guests
+        # Called with a node that may not join, or stay.
         self.refused: Callable[..., None] | None = None
+        # Returns the head of an agent's journal, if journals are kept.
         self.head: Callable[[Agent], bytes] | None = None
         self._links: dict[Way, Link] = {}
         self._routes: dict[Way, list[Route]] = {}  # by namespace and key; made when needed

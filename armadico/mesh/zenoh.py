@@ -176,10 +176,7 @@ class ZenohMesh(Reader, Monotonic):
     def __init__(self, namespace: str, where: Topology, *, starts: bool = False) -> None:
         """Prepare without joining.
 
-        Args:
-            namespace: The robot's namespace.
-            where: How to join.
-            starts: The robot agent is being started: log a missing one as information only.
+        `starts`: the robot agent is being started: log a missing one as information only.
         """
         super().__init__()
         self.namespace = namespace
@@ -261,10 +258,8 @@ class ZenohMesh(Reader, Monotonic):
     def open(self) -> None:
         """Join. A client without a router yet goes on trying, and can be used meanwhile.
 
-        Raises:
-            MeshError: A router cannot listen: another one exists, or the address is not this
-                machine's.
-            TopologyError: The socket cannot be created.
+        Raises MeshError if a router cannot listen: another one exists, or the address is not this
+        machine's. Raises TopologyError if the socket cannot be created.
         """
         atexit.register(self._end)
         if self._where.router:
@@ -327,11 +322,9 @@ class ZenohMesh(Reader, Monotonic):
         """Replace a router's session by one with other settings, within this process.
 
         Zenoh reads rights, users and certificates only when a session opens. All clients lose their
-        links and join the new session; what is published in between is lost.
-
-        Raises:
-            MeshError: The new settings cannot be used. The session continues, or was opened again
-                with the old ones.
+        links and join the new session; what is published in between is lost. Raises MeshError if
+        the new settings cannot be used: the session continues, or was opened again with the old
+        ones.
         """
         assert self._where.router, "a client joins anew by itself"
         listen = self._endpoints(where)
@@ -797,12 +790,9 @@ class PeerLinks:
     """
 
     def __init__(self, mesh: ZenohMesh, elsewhere: Sequence[str], door: Door | None) -> None:
-        """Begin.
+        """Begin; `elsewhere` are endpoints of robots on other computers.
 
-        Args:
-            mesh: The robot's own mesh.
-            elsewhere: Endpoints of robots on other computers.
-            door: The robot's identity as their client.
+        The door is the robot's identity as their client.
         """
         self._mesh = mesh
         self._door = None if door is None else door.abroad()

@@ -105,12 +105,8 @@ def nearest(
     """Return the admissible speeds nearest to the wanted ones, m/s and rad/s; None: none are.
 
     First v is reduced and w kept: the robot turns more tightly near an obstacle, away from it or
-    along it. Where a corner of the footprint would still hit an obstacle, w is reduced.
-
-    Args:
-        wanted: (v, w).
-        admissible: Whether speeds are.
-        slow: A speed, m/s, up to which more is admissible: a search from zero may miss it.
+    along it. Where a corner of the footprint would still hit an obstacle, w is reduced. Up to the
+    speed `slow`, m/s, more is admissible: a search from zero may miss it.
     """
     v, w = wanted
     if admissible(wanted):

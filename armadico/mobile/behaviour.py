@@ -242,11 +242,9 @@ class Behaviour(Agent, hooks=("propose", "rate", "vector")):
             self.on_body()
 
     def refuses(self, v: float, w: float) -> bool:
-        """Return whether the robot agent lately let nothing through of such a motion of this agent.
+        """Whether the robot agent lately let nothing through of such a motion of this agent.
 
-        Args:
-            v: m/s; only its sign counts.
-            w: rad/s; only its sign counts.
+        Only the signs of v and w count.
         """
         return self.now < self._refused.get(_motion(v, w), -inf)
 

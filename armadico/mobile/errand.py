@@ -27,41 +27,24 @@ class StepDone(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """The progress of an errand.
+    """The progress of an errand."""
 
-    Attributes:
-        number: Its number, as in the reply to its order.
-        over: Whether it has ended.
-        failed: Why it failed; empty: it has not.
-        doubt: Why it is unknown whether all of it was done; empty: nothing speaks against it.
-        note: Why it does not proceed now, or other information.
-        summary: All of it in a line, for people.
-        name: Its name; empty: none.
-        state: Its state, in a word.
-        priority: From 0 to 1; None: it has none.
-        by: The person or program that ordered it; empty: unknown.
-        active: Whether it is being done now.
-        doing: The step that is being done now; empty: none.
-        room: The room of that step; empty: none.
-        ahead: The next steps, the first ones.
-        steps: The steps that have ended; None: it has no steps.
-    """
-
-    number: int
-    over: bool
-    failed: str = ""
+    number: int  # its number, as in the reply to its order
+    over: bool  # whether it has ended
+    failed: str = ""  # why it failed; empty: it has not
+    # Why it is unknown whether all of it was done; empty: nothing speaks against it.
     doubt: str = ""
-    note: str = ""
-    summary: str = ""
-    name: str = ""
-    state: str = ""
-    priority: float | None = None
-    by: str = ""
-    active: bool = True
-    doing: str = ""
-    room: str = ""
-    ahead: tuple[str, ...] = ()
-    steps: tuple[StepDone, ...] | None = None
+    note: str = ""  # why it does not proceed now, or other information
+    summary: str = ""  # all of it in a line, for people
+    name: str = ""  # its name; empty: none
+    state: str = ""  # its state, in a word
+    priority: float | None = None  # from 0 to 1; None: it has none
+    by: str = ""  # the person or program that ordered it; empty: unknown
+    active: bool = True  # whether it is being done now
+    doing: str = ""  # the step that is being done now; empty: none
+    room: str = ""  # the room of that step; empty: none
+    ahead: tuple[str, ...] = ()  # the next steps, the first ones
+    steps: tuple[StepDone, ...] | None = None  # the steps that have ended; None: it has no steps
 
     @property
     def succeeded(self) -> bool | None:

@@ -154,11 +154,8 @@ class Step(NamedTuple):
 def course(body: Body, measured: Speeds, wanted: Speeds, waited: float = 0.0) -> list[Step]:
     """Return the motion until rest if `wanted` is commanded now, and nothing after.
 
-    Args:
-        body: The robot's ramps and times.
-        measured: (v, w) measured now.
-        wanted: (v, w) commanded now.
-        waited: The age of the points, or the time until the command, s.
+    `measured` and `wanted` are (v, w); `waited` is the age of the points, or the time until the
+    command, s.
     """
     (v, w), (to_v, to_w) = measured, wanted
     dead = waited + body.dead_s

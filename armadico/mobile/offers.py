@@ -63,15 +63,9 @@ def open_ways(
 ) -> list[float]:
     """Rate actions by the free way on their arcs: -1 where the robot could not stop, else up to 1.
 
-    The faster, the more free way beyond the stopping distance it takes for 1: up to `reach`. To
-    stand touches nothing.
-
-    Args:
-        points: Known points, m.
-        body: The robot.
-        actions: (v, w), m/s and rad/s.
-        margin: Kept round the footprint, m.
-        reach: How far the way is looked at, m.
+    The faster, the more free way beyond the stopping distance it takes for 1: up to `reach`, m. To
+    stand touches nothing. Actions are (v, w), m/s and rad/s; the margin is kept round the
+    footprint, m.
     """
     outline = body.outline
     far = reach + hypot(max(outline.front, outline.rear), outline.half_width) + margin

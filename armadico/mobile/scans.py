@@ -179,13 +179,8 @@ def beside(
     """Return the indices of the two rays around each bearing, and whether it is in view.
 
     In a whole turn the first ray is next to the last one. Up to half a step beyond an edge of the
-    field of view, both are the ray at that edge; farther away both are 0.
-
-    Args:
-        bearings: rad, in the frame of `first`; not wrapped.
-        first: The first ray's angle, rad.
-        step: From one ray to the next, rad; below 0: clockwise.
-        count: Number of rays.
+    field of view, both are the ray at that edge; farther away both are 0. Bearings (not wrapped),
+    the first ray's angle and the step (below 0: clockwise) are rad in one frame.
     """
     at = np.remainder((bearings - first) * np.sign(step), tau) / abs(step)
     whole = round(tau / abs(step))

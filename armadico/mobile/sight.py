@@ -27,10 +27,8 @@ WIDE_M = 0.05
 def in_sight(points: Iterable[Point], places: Sequence[tuple[float, float]], reach: float) -> float:
     """Distance along the path to the first place that is not visible, m; at most `reach`.
 
-    Args:
-        points: The obstacles, in the body frame, m.
-        places: The path from the robot on, in the body frame, m.
-        reach: The sensors' range, m.
+    Obstacles and the path from the robot on are in the body frame, m; `reach` is the sensors'
+    range.
     """
     near = [(hypot(p.x, p.y), atan2(p.y, p.x)) for p in points]
     near = [(away, bearing) for away, bearing in near if WIDE_M < away < reach]

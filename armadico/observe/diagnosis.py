@@ -62,10 +62,7 @@ LONGER: Final = "observe the society for longer"
 def diagnose(view: View, demand: Demand = NOTHING, now: float = 0.0) -> tuple[Finding, ...]:
     """All findings, at most one for each code and subject; those of the first checks come first.
 
-    Args:
-        view: The state of the society; cards and bids are queried once per second.
-        demand: What the society should be.
-        now: The time by the view's clock, s.
+    Cards and bids are queried once per second. `now` is by the view's clock, s.
     """
     case = _Case(view, demand, now)
     found: dict[tuple[Sort, str], Finding] = {}
@@ -672,12 +669,7 @@ CHECKS: Final[tuple[Check, ...]] = (
 
 
 def settled(findings: Iterable[Finding], of: Container[Sort] | None = None) -> bool:
-    """Whether a longer observation would change no finding from unknown to yes or no.
-
-    Args:
-        findings: The diagnosis.
-        of: The codes that matter; None: all.
-    """
+    """Whether longer observation turns no finding of the codes `of` (None: all) to yes or no."""
     return not any(
         f.answer is Answer.UNKNOWN and (f.sort in (Sort.STARTING, Sort.UNKNOWN) or f.todo == LONGER)
         for f in findings

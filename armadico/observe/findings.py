@@ -83,22 +83,15 @@ _OPEN: Final = frozenset({Sort.STARTING, Sort.UNSURE, Sort.UNKNOWN})
 # No Struct: --help of the commands imports no msgspec.
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """The result of one check, or the cause of an event.
+    """The result of one check, or the cause of an event."""
 
-    Attributes:
-        sort: Its code.
-        who: What it is about: an agent's name, a host, a key, a link (`a -> b`), or the sender of
-            a stop. It may be empty.
-        what: A sentence.
-        todo: The cure, or how to make it known. With the answer yes it is advice.
-        answer: Whether all is well. Unknown never counts as yes.
-    """
-
-    sort: Sort
+    sort: Sort  # its code
+    # What it is about: an agent's name, a host, a key, a link (`a -> b`), or the sender of a stop.
+    # It may be empty.
     who: str
-    what: str
-    todo: str = ""
-    answer: Answer = Answer.NO
+    what: str  # A sentence
+    todo: str = ""  # The cure, or how to make it known. With the answer yes it is advice.
+    answer: Answer = Answer.NO  # Whether all is well. Unknown never counts as yes.
 
     def __str__(self) -> str:
         return f"{self.what} -> {self.todo}" if self.todo else self.what
@@ -127,24 +120,20 @@ Hosts = Mapping[str, Sequence[str]]  # by host, the agents that it should run
 
 @dataclass(frozen=True)
 class Demand:
-    """What a society should be, by its host table, or by the launcher of this machine.
+    """What a society should be, by its host table, or by the launcher of this machine."""
 
-    Attributes:
-        hosts: By host, the agents that it should run; empty: not known.
-        table: The digest of the host table (`HostTable.digest`); empty: none.
-        open: The endpoint of the robot's router, if any program that reaches it may drive; empty:
-            none, or not known.
-        ending: Returns the certificates that soon end a link, and in how many seconds.
-        unread: Returns which files of keys on this computer cannot be read, a sentence each.
-        installed: Candidates for missing agents. A new observer has no cards of agents that ended
-            before it started.
-    """
-
+    # By host, the agents that it should run; empty: not known.
     hosts: Hosts = field(default_factory=dict)
-    table: str = ""
+    table: str = ""  # the digest of the host table (`HostTable.digest`); empty: none
+    # Candidates for missing agents. A new observer has no cards of agents that ended before it
+    # started.
     installed: Installed = lambda _: ()
+    # The endpoint of the robot's router, if any program that reaches it may drive; empty: none, or
+    # not known.
     open: str = ""
+    # Returns the certificates that soon end a link, and in how many seconds.
     ending: Callable[[], Mapping[str, float]] = dict
+    # Returns which files of keys on this computer cannot be read, a sentence each.
     unread: Callable[[], Sequence[str]] = tuple
 
     def host_of(self, agent: str) -> str:

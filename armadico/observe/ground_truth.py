@@ -25,15 +25,11 @@ AGAIN: Final = "drive again, with one simulator that runs until the end"
 
 
 class GroundTruth:
-    """The truth of one robot during a run.
-
-    Attributes:
-        newest: The newest truth; None: not received.
-        broken: Why nothing is known any more, from the middle of the run on; "" if it is known.
-    """
+    """The truth of one robot during a run."""
 
     def __init__(self) -> None:
-        self.newest: Truth | None = None
+        self.newest: Truth | None = None  # the newest truth; None: not received
+        # Why nothing is known any more, from the middle of the run on; "" if it is known.
         self.broken = ""
         self._at = 0.0  # when it arrived
         self._begun: float | None = None

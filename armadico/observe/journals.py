@@ -265,9 +265,8 @@ class Pieces:
     def __init__(self, read: Callable[[Iterable[Place]], Iterator[bytes]] = iter) -> None:
         """Start without pieces.
 
-        Args:
-            read: Returns the contents of the pieces at given places, in order. By default a place
-                is the content itself. It is pickled with a journal.
+        `read` returns the contents of the pieces at given places, in order. By default a place is
+        the content itself. It is pickled with a journal.
         """
         self._read = read
         self._pieces: dict[tuple[str, str], dict[int, _Piece]] = defaultdict(dict)

@@ -32,29 +32,17 @@ BEGUN_M: Final = 0.5
 
 
 class Journey(Struct, frozen=True):
-    """A drive to a goal.
+    """A drive to a goal."""
 
-    Attributes:
-        goal: x and y, m, and a heading, rad.
-        began: When its mission began, s.
-        seconds: How long it took.
-        reached: Whether the goal was reached, as the interface agent reports.
-        way_m: The way, by the estimated pose.
-        note: Why it failed, or what else is known of its end.
-        slow: Where the robot was slow or unsure.
-        start: Its first pose, x and y, m.
-        world: The name of the map on the agents' cards; "": not known.
-    """
-
-    goal: Pose2
-    began: float
-    seconds: float
-    reached: bool
-    way_m: float
-    note: str
-    slow: tuple[Spot, ...]
-    start: tuple[float, float]
-    world: str
+    goal: Pose2  # x and y, m, and a heading, rad
+    began: float  # when its mission began, s
+    seconds: float  # how long it took
+    reached: bool  # whether the goal was reached, as the interface agent reports
+    way_m: float  # the way, by the estimated pose
+    note: str  # why it failed, or what else is known of its end
+    slow: tuple[Spot, ...]  # where the robot was slow or unsure
+    start: tuple[float, float]  # its first pose, x and y, m
+    world: str  # the name of the map on the agents' cards; "": not known
 
 
 @dataclass

@@ -67,8 +67,7 @@ class Works(Protocol):
     def __call__(self, mesh: Mesh) -> tuple[str, Json]:
         """Return a sentence and data for the page. Raises ConfigError.
 
-        Args:
-            mesh: The robot's, open, which receives for the page meanwhile.
+        The robot's mesh is open, and receives for the page meanwhile.
         """
 
 

@@ -65,14 +65,11 @@ class Tune(Asked, frozen=True, tag="set"):
 
 
 class RequestError(ValueError):
-    """A request is invalid or cannot be met; the message has the reason.
-
-    Attributes:
-        id: The number that the answer repeats, so that the browser does not wait forever; -1: none.
-    """
+    """A request is invalid or cannot be met; the message has the reason."""
 
     def __init__(self, why: str, number: int = -1) -> None:
         super().__init__(why)
+        # The number that the answer repeats, so that the browser does not wait forever; -1: none.
         self.id = number
 
 

@@ -58,13 +58,8 @@ class Slowness:
     ) -> None:
         """Add a cycle.
 
-        Args:
-            here: The robot's place, m.
-            ends: Start and goal, as far as they are known, m.
-            state: Its state.
-            status: Of its mission.
-            deviation: Standard deviation of its position, m.
-            cycle_s: How long a cycle is, s.
+        The robot is `here`, the path's known ends are start and goal, m; the standard deviation of
+        its position is m, and a cycle lasts `cycle_s`.
         """
         near = any(hypot(here[0] - x, here[1] - y) < ENDS_M for x, y in ends)
         slow = abs(state.v) < SLOW_M_S and abs(state.w) < TURNS_RAD_S and not near

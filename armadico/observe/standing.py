@@ -75,13 +75,7 @@ class Standing(Struct, frozen=True):
 
 
 def standing(view: View, now: float, demand: Demand = NOTHING) -> Standing:
-    """Why the robot of a view stands.
-
-    Args:
-        view: The state of the society.
-        now: The time by the view's clock, s.
-        demand: What the society should be.
-    """
+    """Why the robot of a view stands; `now` is by the view's clock, s."""
     chain = _Chain(view, now, demand)
     found = chain.begin()
     if found is not None:

@@ -57,9 +57,8 @@ class Makes(Protocol):
     def __call__(self, namespace: str = "", world: World | None = None) -> Translator:
         """A translator for a robot.
 
-        Args:
-            namespace: Prefix of its topics and frames; empty for a single robot.
-            world: Its walls are the map until the robot makes one.
+        The namespace is before its topics and frames; empty for a single robot. The walls of
+        `world` are the map until the robot makes one.
         """
 
 

@@ -143,55 +143,43 @@ class _Contested:
 
 
 class View:
-    """The state of one society, updated by `update`, `learn`, `token` and `router`.
-
-    Attributes:
-        began: When the first input arrived; None: none yet. What was not received since then is
-            evidence of that length only.
-        alive: Instances with a liveliness token, and since when.
-        gone: Instances whose token disappeared, and when.
-        cut_since: When the link to the robot's router was lost; None: the router can be reached.
-        cards: By instance, including instances that are gone.
-        bids: By instance and resource, the newest bid record and its time of arrival. The
-            resource of the newest bid is last.
-        exchanges: The newest changes of the obeyed instance, newest last.
-        rates: By key, the rate of publication.
-        newest: By key, the newest state.
-        answered: By instance, when it last answered a query for its card or bids.
-        ahead: By instance, the clock of its machine minus the observer's, s, if it is known.
-        logs: The newest log lines, newest last.
-        reports: By monitor, its newest report.
-        errands: By kind of message, the progress of errands.
-        simulator: The id of the robot's own simulator, if the observer knows it from elsewhere,
-            as a run that started it; empty: by the robot's description.
-        truth: The newest ground truth of the robot's own simulator.
-        rests_since: When the robot came to rest; None: it moves.
-        lost_since: When the pose became too uncertain to drive; None: the robot is localized.
-        simulators: All simulators that publish in the namespace, and when they last did.
-    """
+    """The state of one society, updated by `update`, `learn`, `token` and `router`."""
 
     def __init__(self) -> None:
+        # When the first input arrived; None: none yet. What was not received since then is evidence
+        # of that length only.
         self.began: float | None = None
-        self.alive: dict[str, float] = {}
-        self.gone: dict[str, float] = {}
+        self.alive: dict[str, float] = {}  # instances with a liveliness token, and since when
+        self.gone: dict[str, float] = {}  # instances whose token disappeared, and when
+        # When the link to the robot's router was lost; None: the router can be reached.
         self.cut_since: float | None = None
-        self.cards: dict[str, Card] = {}
+        self.cards: dict[str, Card] = {}  # by instance, including instances that are gone
+        # By instance and resource, the newest bid record and its time of arrival. The resource of
+        # the newest bid is last.
         self.bids: dict[str, dict[str, tuple[BidRecord, float]]] = {}
+        # The newest changes of the obeyed instance, newest last.
         self.exchanges: deque[Exchanged] = deque(maxlen=EXCHANGES)
-        self.rates: dict[str, Rate] = {}
-        self.newest: dict[str, Message] = {}
+        self.rates: dict[str, Rate] = {}  # by key, the rate of publication
+        self.newest: dict[str, Message] = {}  # by key, the newest state
+        # By instance, when it last answered a query for its card or bids.
         self.answered: dict[str, float] = {}
+        # By instance, the clock of its machine minus the observer's, s, if it is known.
         self.ahead: dict[str, float] = {}
         self._asked_at: float | None = None  # the newest query for cards
         self._asking_since = 0.0  # without a pause until then
         self._bidding: dict[tuple[str, str], float] = {}  # since when without a pause
-        self.logs: deque[LogLine] = deque(maxlen=LINES)
-        self.reports: dict[str, MonitorReport] = {}
+        self.logs: deque[LogLine] = deque(maxlen=LINES)  # the newest log lines, newest last
+        self.reports: dict[str, MonitorReport] = {}  # by monitor, its newest report
+        # By kind of message, the progress of errands.
         self.errands: dict[type[Message], tuple[Progress, ...]] = {}
+        # The id of the robot's own simulator, if the observer knows it from elsewhere, as a run
+        # that started it; empty: by the robot's description.
         self.simulator = ""
-        self.truth: Truth | None = None
-        self.rests_since: float | None = None
+        self.truth: Truth | None = None  # the newest ground truth of the robot's own simulator
+        self.rests_since: float | None = None  # when the robot came to rest; None: it moves
+        # When the pose became too uncertain to drive; None: the robot is localized.
         self.lost_since: float | None = None
+        # All simulators that publish in the namespace, and when they last did.
         self.simulators: dict[str, float] = {}
         self._contradicted: deque[float] = deque(maxlen=AGAIN)  # when the own truth went back
         self._latest: dict[type[Message], tuple[Message, float]] = {}  # with its time, s

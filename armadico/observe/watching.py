@@ -202,12 +202,7 @@ def show(to: View | Account, item: Received | Presence) -> None:
 
 
 class Observer:
-    """Observes one society: a watcher, the view that it updates, and queries once per second.
-
-    Attributes:
-        now: The time up to which the view knows everything, by its clock, s. Judging takes time in
-            which nothing is received, and that is no silence.
-    """
+    """Observes one society: a watcher, the view that it updates, and queries once per second."""
 
     def __init__(
         self, mesh: ZenohMesh, demand: Demand = NOTHING, to: View | Account | None = None
@@ -217,6 +212,8 @@ class Observer:
         self.to: View | Account = View() if to is None else to
         self.view = self.to if isinstance(self.to, View) else self.to.view
         self._query_at = float("-inf")
+        # The time up to which the view knows everything, by its clock, s. Judging takes time in
+        # which nothing is received, and that is no silence.
         self.now = self.watcher.clock() / 1e9
         self.view.begin(self.now)
         self.watcher.watch_alive()

@@ -57,62 +57,43 @@ class Refusal(Struct, frozen=True):
 
 
 class Rehearsed(Struct, frozen=True, kw_only=True):
-    """The answer. Lengths are m, times s.
+    """The answer. Lengths are m, times s."""
 
-    Attributes:
-        judgement: Yes if it arrives in all samples in which the map holds. No if it arrives in
-            none, and nothing stands in them whose size is not known. Unknown else, and where
-            something that nobody knows would decide.
-        arrives: The number of samples in which the map holds and it arrives without a collision.
-        samples: The number of samples in which the map holds.
-        despite: Of the samples with something put on the way, out of sight, that ended: in how many
-            it arrives, and their number.
-        despite_s: The largest time of those that arrive; None: none does.
-        hidden_m: How much of the way is out of sight now, the median.
-        stands: The probability that something stands there that the map does not have.
-        chance: The probability of arriving, by both kinds of samples; None: none ended.
-        time_s: The least, median and largest time of those that arrive; empty if none does.
-        way_m: Their median length.
-        clearance: The least distance to an obstacle in these samples, and where the robot is then.
-        slow: Where it is slow or unsure, the slowest first: mean time over the samples, and why.
-        drives: The share of each agent in driving, 0 to 1.
-        battery: The least share left at the end; None: not known.
-        refused: What is refused, by whom.
-        fails: The reasons of samples that do not arrive, with their numbers.
-        unseen_m: The length of the path through what nobody has seen.
-        lacks: What a plain yes would need and nobody knows.
-        unforked: What the virtual societies were without.
-        runs: The samples.
-        start: Where the robot is, x and y in m; None: nothing was driven.
-        goal: The goal; None: a mission, or nothing was driven.
-        world: The map, for a picture; "": there is none.
-        took_s: How long the answer took.
-    """
-
+    # Yes if it arrives in all samples in which the map holds. No if it arrives in none, and nothing
+    # stands in them whose size is not known. Unknown else, and where something that nobody knows
+    # would decide.
     judgement: Judgement
+    # The number of samples in which the map holds and it arrives without a collision.
     arrives: int = 0
-    samples: int = 0
+    samples: int = 0  # the number of samples in which the map holds
+    # Of the samples with something put on the way, out of sight, that ended: in how many it
+    # arrives, and their number.
     despite: tuple[int, int] = (0, 0)
-    despite_s: float | None = None
-    hidden_m: float = 0.0
-    stands: float = 0.0
+    despite_s: float | None = None  # the largest time of those that arrive; None: none does
+    hidden_m: float = 0.0  # how much of the way is out of sight now, the median
+    stands: float = 0.0  # the probability that something stands there that the map does not have
+    # The probability of arriving, by both kinds of samples; None: none ended.
     chance: float | None = None
+    # The least, median and largest time of those that arrive; empty if none does.
     time_s: tuple[float, ...] = ()
-    way_m: float = 0.0
+    way_m: float = 0.0  # their median length
+    # The least distance to an obstacle in these samples, and where the robot is then.
     clearance: tuple[float, float, float] | None = None
+    # Where it is slow or unsure, the slowest first: mean time over the samples, and why.
     slow: tuple[Spot, ...] = ()
-    drives: dict[str, float] = {}
-    battery: float | None = None
-    refused: tuple[Refusal, ...] = ()
-    fails: dict[str, int] = {}
-    unseen_m: float = 0.0
-    lacks: tuple[str, ...] = ()
-    unforked: tuple[str, ...] = ()
-    runs: tuple[Sample, ...] = ()
+    drives: dict[str, float] = {}  # the share of each agent in driving, 0 to 1
+    battery: float | None = None  # the least share left at the end; None: not known
+    refused: tuple[Refusal, ...] = ()  # what is refused, by whom
+    fails: dict[str, int] = {}  # the reasons of samples that do not arrive, with their numbers
+    unseen_m: float = 0.0  # the length of the path through what nobody has seen
+    lacks: tuple[str, ...] = ()  # what a plain yes would need and nobody knows
+    unforked: tuple[str, ...] = ()  # what the virtual societies were without
+    runs: tuple[Sample, ...] = ()  # the samples
+    # Where the robot is, x and y in m; None: nothing was driven.
     start: tuple[float, float] | None = None
-    goal: Pose2 | None = None
-    world: str = ""
-    took_s: float | None = None
+    goal: Pose2 | None = None  # the goal; None: a mission, or nothing was driven
+    world: str = ""  # the map, for a picture; "": there is none
+    took_s: float | None = None  # how long the answer took
 
     @property
     def says(self) -> str:

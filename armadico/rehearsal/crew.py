@@ -36,16 +36,12 @@ _LENGTH: Final = struct.Struct("<Q")
 
 
 class Crew:
-    """Processes that apply a function to items (a `cli.pool.Pool`), as a context manager.
-
-    Attributes:
-        until: By `time.monotonic`: then all ends, and items without a result have none.
-        leader: The process group of all its processes.
-    """
+    """Processes that apply a function to items (a `cli.pool.Pool`), as a context manager."""
 
     def __init__(self, jobs: int | None = None) -> None:
         """Start the helper process; `jobs`: how many run at once, by default one per core."""
         self.jobs = jobs or len(os.sched_getaffinity(0))
+        # By `time.monotonic`: then all ends, and items without a result have none.
         self.until = float("inf")
         # One thread for each worker: they are as many as the cores.
         env = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
@@ -54,7 +50,7 @@ class Crew:
         self._helper = subprocess.Popen(
             words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=env, start_new_session=True
         )
-        self.leader = self._helper.pid
+        self.leader = self._helper.pid  # the process group of all its processes
 
     def __enter__(self) -> Self:
         return self

@@ -65,61 +65,41 @@ DRAWS: Final = 50
 
 
 class Errand(Struct, frozen=True, kw_only=True):
-    """What is to be rehearsed: a goal, a mission, or else the present mission; and changes.
+    """What is to be rehearsed: a goal, a mission, or else the present mission; and changes."""
 
-    Attributes:
-        goal: x, y in m and a heading in rad; None as the heading: that of a straight line there.
-        mission: A mission's name or file.
-        without: Agents that are left out.
-        sets: Parameters that are set, AGENT.KEY=VALUE.
-        kills: Agents that are killed, with the times, s after the beginning.
-    """
-
+    # x, y in m and a heading in rad; None as the heading: that of a straight line there.
     goal: tuple[float, float, float | None] | None = None
-    mission: str | None = None
-    without: tuple[str, ...] = ()
-    sets: tuple[str, ...] = ()
+    mission: str | None = None  # A mission's name or file
+    without: tuple[str, ...] = ()  # agents that are left out
+    sets: tuple[str, ...] = ()  # parameters that are set, AGENT.KEY=VALUE
+    # Agents that are killed, with the times, s after the beginning.
     kills: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True)
 class Fork:
-    """A virtual society that begins at the present, but for what each sample draws.
+    """A virtual society that begins at the present, but for what each sample draws."""
 
-    Attributes:
-        scenario: Begins at the estimated pose.
-        options: Its options, without a seed.
-        covariance: Of the pose: the robot truly begins at a pose drawn from it. Empty: it begins at
-            the estimated pose.
-        speeds: With which the robot begins, m/s and rad/s.
-        wheels: Errors of the odometry, as in `Correction`; empty: not known, or there are none.
-        walls: What the sensors have seen and the map does not have.
-        people: Of this, what may be a person: its middle and its walls.
-        silent: Range sensors that report nothing, as those of the present robot.
-        kills: As in `Errand`.
-        lacks: What a positive answer would need and nobody knows.
-        unforked: What the virtual society is without.
-        charged: Whether the battery's charge is known; else a full one is driven with.
-        sight: What is in sight now.
-        rate: How often something stands that the map does not have.
-        vague: How many things off the map stand in it whose size is not known: by sonars all of
-            them, by laser those that may be people.
-    """
-
-    scenario: Scenario
-    options: Options
+    scenario: Scenario  # begins at the estimated pose
+    options: Options  # its options, without a seed
+    # Of the pose: the robot truly begins at a pose drawn from it. Empty: it begins at the estimated
+    # pose.
     covariance: tuple[float, ...]
-    speeds: tuple[float, float]
+    speeds: tuple[float, float]  # with which the robot begins, m/s and rad/s
+    # Errors of the odometry, as in `Correction`; empty: not known, or there are none.
     wheels: tuple[float, ...]
-    walls: tuple[Segment, ...]
+    walls: tuple[Segment, ...]  # what the sensors have seen and the map does not have
+    # Of this, what may be a person: its middle and its walls.
     people: tuple[tuple[tuple[float, float], tuple[Segment, ...]], ...]
-    silent: tuple[str, ...]
-    kills: tuple[tuple[str, float], ...]
-    lacks: tuple[str, ...]
-    unforked: tuple[str, ...]
-    charged: bool
-    sight: Sight
-    rate: Rate
+    silent: tuple[str, ...]  # range sensors that report nothing, as those of the present robot
+    kills: tuple[tuple[str, float], ...]  # as in `Errand`
+    lacks: tuple[str, ...]  # what a positive answer would need and nobody knows
+    unforked: tuple[str, ...]  # what the virtual society is without
+    charged: bool  # whether the battery's charge is known; else a full one is driven with
+    sight: Sight  # what is in sight now
+    rate: Rate  # how often something stands that the map does not have
+    # How many things off the map stand in it whose size is not known: by sonars all of them, by
+    # laser those that may be people.
     vague: int
 
 
@@ -128,14 +108,9 @@ def fork(
 ) -> Fork | Judgement:
     """The virtual society of a present with an errand; or why there can be none.
 
-    Args:
-        now: The present.
-        errand: What is to be rehearsed.
-        world: The map in place of the one that the society names.
-        made: The file of the map that the society makes meanwhile (`Present.grid`).
-
-    Raises ConfigError for an errand that this society cannot have: an agent that does not take
-    part, a parameter that there is not, a mission's file.
+    `world` replaces the map that the society names; `made` is the file of the one that it makes
+    meanwhile (`Present.grid`). Raises ConfigError for an errand that this society cannot have: an
+    agent that does not take part, a parameter that there is not, a mission's file.
     """
     if now.agents:
         _check_names(now, errand)

@@ -208,23 +208,15 @@ class Account:
 
 
 class AgentNow(Struct, frozen=True):
-    """One kind of agent of the society.
+    """One kind of agent of the society."""
 
-    Attributes:
-        name: Its name.
-        version: That of its Armadico, as on its card.
-        instances: How many are alive.
-        sets: Its parameters that differ from the defaults, KEY=VALUE; None: not known.
-        installed: Whether it is installed here.
-        drives: Whether it competes for the wheels, as far as its card says.
-    """
-
-    name: str
-    version: str = ""
-    instances: int = 1
+    name: str  # its name
+    version: str = ""  # that of its Armadico, as on its card
+    instances: int = 1  # how many are alive
+    # Its parameters that differ from the defaults, KEY=VALUE; None: not known.
     sets: tuple[str, ...] | None = None
-    installed: bool = True
-    drives: bool = False
+    installed: bool = True  # whether it is installed here
+    drives: bool = False  # whether it competes for the wheels, as far as its card says
 
 
 class OtherRobot(Struct, frozen=True):
@@ -238,55 +230,34 @@ class OtherRobot(Struct, frozen=True):
 
 
 class Present(Struct, frozen=True, kw_only=True):
-    """A society at one moment. Lengths are m, angles rad, in the world's frame.
+    """A society at one moment. Lengths are m, angles rad, in the world's frame."""
 
-    Attributes:
-        robot: The name of its profile, as the robot agent describes it.
-        profile: The profile with which its agents were launched: a name or a file.
-        world: The map with which they were launched: a name or a file; "": none.
-        grid: The map made by driving, if one is served.
-        pose: The estimated pose.
-        covariance: Its covariance as in `Pose`; empty: not known.
-        speeds: Ahead and around, as measured, m/s and rad/s.
-        wheels: Errors of the odometry, as in `Correction`; empty: not known.
-        described: The robot's footprint and limits, as its agent publishes them.
-        goal: That of the present mission; None: there is none.
-        mission_v_max: The top speed that this mission has to keep, m/s; None: it has none.
-        agents: The agents that take part.
-        absent: Those that should, and are not alive.
-        obstacles: Cells (their middles) in which something stands, by the robot's sensors.
-        others: Other robots as last seen.
-        silent: Range sensors that the robot has, and that report nothing.
-        rays: Rays of the laser.
-        battery: The share left; None: not known.
-        exact: The society takes the odometry as free of errors.
-        ready: Yes; or why nothing can be told, or the robot would not drive.
-        lacks: What a positive answer would need and nobody knows.
-        unforked: What a virtual society of it is without.
-    """
-
-    robot: str = ""
-    profile: str = ""
-    world: str = ""
-    grid: OccupancyGrid | None = None
-    pose: Pose2 | None = None
-    covariance: tuple[float, ...] = ()
-    speeds: tuple[float, float] = (0.0, 0.0)
-    wheels: tuple[float, ...] = ()
+    robot: str = ""  # the name of its profile, as the robot agent describes it
+    profile: str = ""  # the profile with which its agents were launched: a name or a file
+    world: str = ""  # the map with which they were launched: a name or a file; "": none
+    grid: OccupancyGrid | None = None  # the map made by driving, if one is served
+    pose: Pose2 | None = None  # the estimated pose
+    covariance: tuple[float, ...] = ()  # its covariance as in `Pose`; empty: not known
+    speeds: tuple[float, float] = (0.0, 0.0)  # ahead and around, as measured, m/s and rad/s
+    wheels: tuple[float, ...] = ()  # errors of the odometry, as in `Correction`; empty: not known
+    # The robot's footprint and limits, as its agent publishes them.
     described: Description | None = None
-    goal: Pose2 | None = None
+    goal: Pose2 | None = None  # that of the present mission; None: there is none
+    # The top speed that this mission has to keep, m/s; None: it has none.
     mission_v_max: float | None = None
-    agents: tuple[AgentNow, ...] = ()
-    absent: tuple[str, ...] = ()
+    agents: tuple[AgentNow, ...] = ()  # the agents that take part
+    absent: tuple[str, ...] = ()  # those that should, and are not alive
+    # Cells (their middles) in which something stands, by the robot's sensors.
     obstacles: tuple[tuple[float, float], ...] = ()
-    others: tuple[OtherRobot, ...] = ()
-    silent: tuple[str, ...] = ()
-    rays: tuple[Ray, ...] = ()
-    battery: float | None = None
-    exact: bool = False
+    others: tuple[OtherRobot, ...] = ()  # other robots as last seen
+    silent: tuple[str, ...] = ()  # range sensors that the robot has, and that report nothing
+    rays: tuple[Ray, ...] = ()  # rays of the laser
+    battery: float | None = None  # the share left; None: not known
+    exact: bool = False  # the society takes the odometry as free of errors
+    # Yes; or why nothing can be told, or the robot would not drive.
     ready: Judgement = unknown("nothing was received")
-    lacks: tuple[str, ...] = ()
-    unforked: tuple[str, ...] = ()
+    lacks: tuple[str, ...] = ()  # what a positive answer would need and nobody knows
+    unforked: tuple[str, ...] = ()  # what a virtual society of it is without
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -108,14 +108,10 @@ def drive(
 ) -> Rehearsed:
     """Drive samples of a fork and return the answer; with a judgement nothing is driven.
 
-    Args:
-        of: The fork, or why there is none.
-        samples: How many.
-        within_s: The answer comes after so long; samples that have not ended by then are unknown.
-        seed: The first one's; the others' follow.
-        crew: The workers; None: started and ended here.
-        done: Called after each sample.
-        began: When the whole began, by `time.monotonic`; by default now.
+    The answer comes within `within_s`, counted from `began` (by `time.monotonic`; by default now);
+    samples that have not ended by then are unknown. The first one has `seed`, the others what
+    follows. Without a `crew` workers are started and ended here. `done` is called after each
+    sample.
     """
     began = time.monotonic() if began is None else began
     if isinstance(of, Judgement):

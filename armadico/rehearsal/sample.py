@@ -45,41 +45,25 @@ RAMP_S: Final = 1.5
 
 
 class Sample(Struct, frozen=True, kw_only=True):
-    """What happened in one sample. Lengths are m, times s.
+    """What happened in one sample. Lengths are m, times s."""
 
-    Attributes:
-        seed: Its seed.
-        end: As `ARRIVED`.
-        why: Why it did not arrive.
-        time_s: The time until it ended.
-        way_m: The length of its path.
-        clearance: The least distance to an obstacle, and where the robot was; None: none was near.
-        collisions: Contacts that the robot caused.
-        path: Points of its true path: time, x, y.
-        shares: How many cycles each agent drove.
-        spots: Where it was slow or unsure.
-        battery: The share left at the end; None: not known, or it was not at the beginning.
-        unseen: The parts of its paths where nobody has seen the map.
-        hidden_m: How much of its path was out of sight when it began.
-        puts: Whether something was to be put on its way, out of sight.
-        put: Where it was put; None: nothing was.
-    """
-
-    seed: int
-    end: str
-    why: str = ""
-    time_s: float = 0.0
-    way_m: float = 0.0
+    seed: int  # its seed
+    end: str  # as `ARRIVED`
+    why: str = ""  # why it did not arrive
+    time_s: float = 0.0  # the time until it ended
+    way_m: float = 0.0  # the length of its path
+    # The least distance to an obstacle, and where the robot was; None: none was near.
     clearance: tuple[float, float, float] | None = None
-    collisions: int = 0
-    path: tuple[tuple[float, float, float], ...] = ()
-    shares: dict[str, int] = {}
-    spots: tuple[Spot, ...] = ()
+    collisions: int = 0  # contacts that the robot caused
+    path: tuple[tuple[float, float, float], ...] = ()  # points of its true path: time, x, y
+    shares: dict[str, int] = {}  # how many cycles each agent drove
+    spots: tuple[Spot, ...] = ()  # where it was slow or unsure
+    # The share left at the end; None: not known, or it was not at the beginning.
     battery: float | None = None
-    unseen: tuple[Stretch, ...] = ()
-    hidden_m: float = 0.0
-    puts: bool = False
-    put: tuple[float, float] | None = None
+    unseen: tuple[Stretch, ...] = ()  # the parts of its paths where nobody has seen the map
+    hidden_m: float = 0.0  # how much of its path was out of sight when it began
+    puts: bool = False  # whether something was to be put on its way, out of sight
+    put: tuple[float, float] | None = None  # where it was put; None: nothing was
 
     @property
     def holds(self) -> bool:

@@ -150,15 +150,10 @@ def through(rays: Sequence[Ray], walls: Iterable[Segment]) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class Rate:
-    """How often something stands that the map does not have.
+    """How often something stands that the map does not have."""
 
-    Attributes:
-        things: How many are in sight.
-        area: On so much floor, m2.
-    """
-
-    things: int
-    area: float
+    things: int  # how many are in sight
+    area: float  # on so much floor, m2
 
     def chance(self, hidden_m: float) -> float:
         """The probability that something stands on a way out of sight.

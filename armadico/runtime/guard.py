@@ -67,13 +67,10 @@ class Guard:
     """Between an agent and an open line."""
 
     def __init__(self, agent: socket.socket, port: Port, place: str, step_s: float) -> None:
-        """Guard a line.
+        """Guard an open line.
 
-        Args:
-            agent: The connection to the agent, which keeps the bounds of messages.
-            port: The open line.
-            place: The path of the socket for stops.
-            step_s: The time between two steps of braking, s.
+        The connection to the agent keeps the bounds of messages; `place` is the path of the socket
+        for stops, `step_s` the time between two steps of braking, s.
         """
         self._agent, self._port = agent, port
         self._mark = f"{place}-stop"

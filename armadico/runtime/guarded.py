@@ -26,16 +26,11 @@ ENDS_S: Final = 2.0  # a guard that has not ended by then, once told, is killed
 
 
 class GuardedPort:
-    """A port whose line is held by a guard; its failures are OSErrors.
-
-    Attributes:
-        told: Called with the guard's notices, `guard.BRAKED` and `guard.STOP`.
-        has_priority: The guard runs before ordinary processes.
-        opened_s: How long starting it took, until the robot receives what is written, s.
-    """
+    """A port whose line is held by a guard; its failures are OSErrors."""
 
     def __init__(self, loader: str, url: str, place: Path) -> None:
         """Start a guard that opens an address; see `guard.main`. Raises OSError."""
+        # Called with the guard's notices, `guard.BRAKED` and `guard.STOP`.
         self.told: Callable[[bytes], None] = lambda _: None
         self._quiet_s = 0.0
         self._identity = place.with_suffix(IDENTITY)
@@ -63,7 +58,8 @@ class GuardedPort:
             raise
         with suppress(OSError):  # no such file on this system, or a full disk
             self._identity.write_text(f"{identity(self.pid)}\n")
-        self.has_priority = message[1:2] == b"1"
+        self.has_priority = message[1:2] == b"1"  # the guard runs before ordinary processes
+        # How long starting it took, until the robot receives what is written, s.
         self.opened_s = time.monotonic() - began + float(message[2:])
 
     @property

@@ -66,14 +66,10 @@ class Device:
         clock: Callable[[], float],
         at_once: Callable[[Callable[..., None], tuple[object, ...]], object] | None = None,
     ) -> None:
-        """Prepare.
+        """Prepare; `at_once` processes a call on the reading thread, if it need not wait.
 
-        Args:
-            driver: The agent's driver.
-            connect: Opens the port. Raises OSError, or ValueError for an invalid address.
-            inbox: The agents' inbox.
-            clock: Returns a monotonic time, s.
-            at_once: Processes a call on the reading thread, if it need not wait.
+        `connect` opens the port, or raises OSError, or ValueError for an invalid address. The clock
+        is monotonic, s.
         """
         self._driver = driver
         self._connect = connect

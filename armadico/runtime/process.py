@@ -102,16 +102,12 @@ class AgentHost:
         head: Callable[[Agent], bytes] | None = None,
         door: Door | None = None,
     ) -> None:
-        """Prepare.
+        """Prepare to run agents on a mesh, which has their time.
 
-        Args:
-            agents: The agents of this process.
-            mesh: The mesh that they share, with their time.
-            connect: Functions that open the ports of device agents, by instance.
-            wall: Returns wall time, s since 1970, shown to people only.
-            admit: False: they join without admission.
-            head: Returns the head of an agent's journal; None: they keep no journals.
-            door: The identity of this process; None: the society is open.
+        `connect` has functions that open the ports of device agents, by instance. `wall` returns
+        wall time, s since 1970, shown to people only. Without `admit` they join without admission.
+        `head` returns the head of an agent's journal; None: they keep none. `door` is the process's
+        identity; None: the society is open.
         """
         self.inbox = Inbox(mesh)
         self.refusal = ""  # why one of them may not join, or stay

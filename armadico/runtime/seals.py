@@ -28,12 +28,9 @@ class Seals:
     """Signs what one process publishes, and checks what others repeat."""
 
     def __init__(self, door: Door, agents: Sequence[str], wall: Callable[[], float]) -> None:
-        """Begin.
+        """Begin, with the names of the process's agents.
 
-        Args:
-            door: The identity of the process.
-            agents: The names of its agents.
-            wall: Returns wall time, s since 1970.
+        `wall` returns wall time, s since 1970.
         """
         self._door, self._wall = door, wall
         self._author = "+".join(sorted({*agents}))

@@ -51,15 +51,12 @@ def served(start: Start, command: str, *words: str) -> Iterator[Program]:
 
 
 class Helpers:
-    """Agents that run beside a command and end with it.
-
-    Attributes:
-        processes: The newest process of each agent, by namespace and name.
-    """
+    """Agents that run beside a command and end with it."""
 
     def __init__(self, mesh: Mesh) -> None:
         self._joining = mesh.endpoints().words
         self._folder = TemporaryDirectory(prefix="armadico-helpers-")
+        # The newest process of each agent, by namespace and name.
         self.processes: dict[tuple[str, str], Process] = {}
 
     def __enter__(self) -> Helpers:

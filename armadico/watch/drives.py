@@ -11,18 +11,12 @@ from armadico.core.messages import Ack, Card, Cycle
 
 
 class Drive(Struct):
-    """A time in which the owner obeyed commands of one instance, without those of others.
+    """A time in which the owner obeyed commands of one instance, without those of others."""
 
-    Attributes:
-        begun: When the first of these commands was acknowledged, s.
-        ended: When the last one was, s.
-        host: The host in its card; empty: not known.
-    """
-
-    begun: float
-    ended: float
+    begun: float  # when the first of these commands was acknowledged, s
+    ended: float  # when the last one was, s
     instance: str
-    host: str = ""
+    host: str = ""  # the host in its card; empty: not known
 
     @property
     def driver(self) -> str:

@@ -113,13 +113,9 @@ def draw_localized(
 ) -> None:
     """Draw a log on a map as PNG: the paths, and below them the error of the estimate over time.
 
-    Args:
-        world: The map.
-        paths: Names and points, m; NaN where a path is interrupted.
-        errors: Time and error, s and m; NaN where there is no reference.
-        lost: Periods in which the robot was reported lost, s.
-        words: A title, and a line below it.
-        path_out: The file.
+    Paths have names and points, m; NaN where a path is interrupted. Errors have time and error, s
+    and m; NaN where there is no reference. `lost` are periods in which the robot was reported lost,
+    s. `words` are a title, and a line below it.
     """
     canvas = Canvas(world, place=(0.045, 0.33, 0.935, 0.54))
     canvas.heading(*words)

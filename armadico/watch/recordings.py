@@ -191,15 +191,11 @@ def messages_of(
 ) -> tuple[list[tuple[float, Message | Presence]], dict[str, TomlValue]]:
     """One robot's messages of some kinds in a recording, with their times, s.
 
-    With them the parameters of its agents that the journals have: the world, the robot's profile.
-    A `ParametersReply`, which no agent publishes, is made of each journal, and a `Presence` of each
-    liveliness token that appeared or disappeared. Raises RecordingError and OSError.
-
-    Args:
-        path: The file, or the first of several.
-        kinds: The types of messages, and `Presence` if tokens are wanted.
-        namespace: The robot; None: the only one.
-        warn: Receives a text about each damaged or incomplete file.
+    With them the parameters of its agents that the journals have: the world, the robot's profile. A
+    `ParametersReply`, which no agent publishes, is made of each journal, and a `Presence` of each
+    liveliness token that appeared or disappeared, if `kinds` has it. The path is the file, or the
+    first of several; without a namespace there is one robot. `warn` receives a text about each
+    damaged or incomplete file. Raises RecordingError and OSError.
     """
     past = Past(path, warn)
     past.check()
@@ -247,11 +243,8 @@ class Past:
     def __init__(self, path: Path, warn: Warn) -> None:
         """Read the metadata and the first message.
 
-        Args:
-            path: The file, or the first of several.
-            warn: Receives a text about each damaged or incomplete file.
-
-        Raises RecordingError and OSError.
+        The path is the file, or the first of several. `warn` receives a text about each damaged or
+        incomplete file. Raises RecordingError and OSError.
         """
         self.path = path
         self.about: dict[str, str] = {}

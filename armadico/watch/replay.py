@@ -181,11 +181,7 @@ class Replay:
     ) -> None:
         """Build the agent.
 
-        Args:
-            journal: Its recorded inputs and outputs.
-            sets: Changed parameters, each KEY=VALUE.
-            kind: Its class; none: the installed class of its name.
-
+        Changed parameters are KEY=VALUE; without a `kind` it has the installed class of its name.
         Raises ConfigError for an invalid parameter. Other obstacles are in `refusal`.
         """
         self.journal = journal

@@ -265,9 +265,7 @@ class Chronicle:
     def uncounted(self, what: str, resource: str = WHEELS.name) -> str:
         """Why not all events of a kind may be known; "" if they are.
 
-        Args:
-            what: "collision", "stop" or "exchange".
-            resource: That of an exchange.
+        The kind is "collision", "stop", or "exchange" of a resource.
         """
         key = {"collision": TRUTH, "stop": STATE}.get(what) or _ack_key(resource)
         count, begun = self._counts.get(key), self._begun

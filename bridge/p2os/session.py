@@ -96,12 +96,7 @@ class Setup:
 
 
 class Session:
-    """One client's session with one controller, from SYNC0 to CLOSE and again: a `bridge.session`.
-
-    Attributes:
-        state: What the session waits for.
-        held: See `bridge.session`.
-    """
+    """One client's session with one controller, from SYNC0 to CLOSE and again."""
 
     def __init__(
         self, profile: P2osRobot, now: float, near: tuple[float, float] = (0.0, 0.0)
@@ -110,11 +105,11 @@ class Session:
 
         `near` is the approximate last position of the odometry, m: it wraps every 27.5 m.
         """
-        self.state = State.CLOSED
+        self.state = State.CLOSED  # what the session waits for
         self._ration = Ration()  # of status packets
         self.decoder, self.counts = Decoder(), Counts()
         self.odometry = Odometry(profile.p2os, near)
-        self.held = False
+        self.held = False  # see `bridge.session`
         self._profile, self._units = profile, profile.p2os
         self._out = bytearray()
         self._speeds = b""  # the latest `drive`, not yet sent

@@ -57,8 +57,7 @@ class _Bounded(Buffer):
 def encode(message: IdlStruct) -> bytes:
     """Encode a message as little-endian CDR with its header.
 
-    Raises:
-        ValueError: A field is of another type, or does not fit.
+    Raises ValueError if a field is of another type, or does not fit.
     """
     try:
         # A new buffer each time: pycdr2 shares one per type between threads.
@@ -68,11 +67,7 @@ def encode(message: IdlStruct) -> bytes:
 
 
 def decode(kind: type[M], data: bytes) -> M:
-    """Read a message from CDR.
-
-    Raises:
-        ValueError: The bytes are not such a message.
-    """
+    """Read a message from CDR. Raises ValueError if the bytes are not such a message."""
     # ROS 2 uses plain CDR only, in either byte order.
     if len(data) < _HEADER or data[0] != 0 or data[1] not in (0, 1):
         raise ValueError(f"{len(data)} bytes are not CDR of {ros_name(kind)}")

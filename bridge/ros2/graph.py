@@ -53,13 +53,10 @@ def judge(
 ) -> Seen:
     """Judge the endpoints around a robot agent.
 
-    Args:
-        wanted: The topics that are read and written here.
-        namespace: The namespace of names without a leading slash.
-        where: The network, in words: "domain 0".
-        others: All endpoints but one's own.
-        settled: Whether discovery has had time; until then nothing is reported as missing.
-        lonely: A hint for the case that no other node is found.
+    The topics `wanted` are read and written here; names without a leading slash are in `namespace`.
+    `where` is the network in words, "domain 0", and `others` all endpoints but one's own. Until
+    discovery has `settled` nothing is reported as missing. `lonely` is a hint for the case that no
+    other node is found.
     """
     others = tuple(others)
     robots: list[str] = []  # one per publisher: two robots of one make have the same name

@@ -88,14 +88,10 @@ class Frames:
 
 
 class Mounting:
-    """Poses of the sensors: those that the robot publishes, else the profile's.
-
-    Attributes:
-        base: The frame of the body, by the odometry.
-    """
+    """Poses of the sensors: those that the robot publishes, else the profile's."""
 
     def __init__(self, ros2: Ros2, notices: Notices, now: float) -> None:
-        self.base = ros2.base_frame
+        self.base = ros2.base_frame  # the frame of the body, by the odometry
         self._topic, self._notices = ros2.tf_static, notices
         self._frames = Frames()
         self._mounts: dict[str, Mount] = {}  # by frame; only those that the robot has published

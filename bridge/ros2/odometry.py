@@ -35,15 +35,13 @@ class Odometry(Continuous):
     It starts from the robot's own value, which need not be zero. Many drivers leave the twist at 0,
     or one of its two components. Once the poses have moved, the speed of a component that has never
     been anything else is computed from them.
-
-    Attributes:
-        absent: Why speeds are computed from the poses, for people; empty: they are reported, or
-            the robot has not moved yet.
     """
 
     def __init__(self, cycle_s: float, limits: Limits) -> None:
         """Wait for the first odometry; `cycle_s` is the time between updates, s."""
         super().__init__(cycle_s)
+        # Why speeds are computed from the poses, for people; empty: they are reported, or the robot
+        # has not moved yet.
         self.absent = ""
         self._top = limits.v_max, limits.w_max
         self._last: Measured | None = None
@@ -59,10 +57,7 @@ class Odometry(Continuous):
     def update(self, here: Measured, stamp: float, now: float) -> tuple[Pose, Measured]:
         """Add an odometry and return the continuous pose, and the odometry with its speeds.
 
-        Args:
-            here: What the message has.
-            stamp: Its time by the robot's clock, s.
-            now: When it was received, s.
+        Its stamp is by the robot's clock, s.
         """
         last, elapsed, passed = self._last, now - self._at, stamp - self._stamp
         self._last, self._at, self._stamp = here, now, stamp

@@ -20,15 +20,11 @@ SHORT = 0.95
 
 
 class Rangers:
-    """The readings since the last cycle, by sonar.
-
-    Attributes:
-        wrong: Why its readings are not used now; "" if they are.
-    """
+    """The readings since the last cycle, by sonar."""
 
     def __init__(self, ring: SonarRing, old_s: float, now: float) -> None:
         """Readings older than `old_s` (s), by the robot's clock, are not used."""
-        self.wrong = ""
+        self.wrong = ""  # why its readings are not used now; "" if they are
         self._ring, self._old_s = ring, old_s
         self._index = {sonar.frame: index for index, sonar in enumerate(ring.sonars)}
         self._patience = max(SILENT_S, SILENT_TURNS * len(ring.sonars) * ring.period_s)

@@ -34,16 +34,12 @@ class Base(Controller):
     """The base of a simulated robot.
 
     A laser's scan is taken in one instant, which is its stamp.
-
-    Attributes:
-        decoder: Of the client's frames.
-        clock_s: Its clock at the start of the simulation; stamps count from there.
     """
 
     def __init__(self, profile: Ros2Robot, plant: Plant, name: str, clock_s: float = 0.0) -> None:
         super().__init__(plant)
-        self.decoder = Decoder()
-        self.clock_s = clock_s
+        self.decoder = Decoder()  # of the client's frames
+        self.clock_s = clock_s  # its clock at the start of the simulation; stamps count from there
         self._profile, self._ros2 = profile, profile.ros2
         self._name = name
         self._wanted: frozenset[str] = frozenset()

@@ -22,12 +22,6 @@ class Battery:
     robot has to be charged, not the chemical limit. The motors are chopped, so they draw power:
     I = idle + P / U. Braking returns none. A charger gives a constant current, then from some
     charge on a falling one, which approximates its constant voltage.
-
-    Attributes:
-        charge: 1 full, 0 empty.
-        volts: At the terminals, under the present load.
-        charging: Whether the robot is on a charger.
-        used_j: Energy used by motors and electronics so far, J.
     """
 
     __slots__ = (
@@ -51,10 +45,10 @@ class Battery:
         )
         self._capacity_as = parameters.capacity_ah * SECONDS_PER_HOUR
         self._charger = parameters.charge_a, max(1.0 - parameters.taper_from, 1e-3)
-        self.charge = charge
-        self.charging = False
-        self.used_j = 0.0
-        self.volts = parameters.full_v
+        self.charge = charge  # 1 full, 0 empty
+        self.charging = False  # whether the robot is on a charger
+        self.used_j = 0.0  # energy used by motors and electronics so far, J
+        self.volts = parameters.full_v  # at the terminals, under the present load
         self.drain(0.0, 0.0)
 
     def drain(self, motors_w: float, dt: float) -> None:

@@ -23,15 +23,11 @@ class Broken(Enum):
 
 
 class Readings(Generic[T]):
-    """The readings of a sensor of one or more parts, broken or not.
-
-    Attributes:
-        broken: Its fault; None: it works.
-    """
+    """The readings of a sensor of one or more parts, broken or not."""
 
     def __init__(self, shifted: Callable[[T, float], T]) -> None:
         """`shifted` adds a bias, m, to a reading."""
-        self.broken: Broken | None = None
+        self.broken: Broken | None = None  # its fault; None: it works
         self._shifted = shifted
         self._bias_m = 0.0
         self._last: dict[int, deque[T]] = {}

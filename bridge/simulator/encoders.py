@@ -69,10 +69,6 @@ class Odometry:
 
     Speeds (m/s, rad/s) are ticks over the last step. The pose (m, rad) starts at zero and is not
     affected by lifting the robot; its heading is not wrapped.
-
-    Attributes:
-        usual: The largest errors that are drawn, as reported: of turns (rad/rad), a drift (rad/m),
-            and of ways (m/m).
     """
 
     __slots__ = (
@@ -101,6 +97,8 @@ class Odometry:
         self._dt = dt
         self._track = 2.0 * track * (1.0 - turn)
         left = 1.0 - self._gyro
+        # The largest errors that are drawn, as reported: of turns (rad/rad), a drift (rad/m), and
+        # of ways (m/m).
         self.usual = left * turn_error, left * sensors.drift_rad_m, sensors.way_error
         self._left = Encoder(sensors.slip, ticks * (1.0 - skew), streams("slip/left"))
         self._right = Encoder(sensors.slip, ticks * (1.0 + skew), streams("slip/right"))

@@ -76,10 +76,8 @@ class LaserScanner:
     def scan(self, poses: npt.ArrayLike) -> Floats:
         """The ranges, m, in the order of the laser's rays.
 
-        Infinity without an obstacle within range, 0 for one that is too near to be measured.
-
-        Args:
-            poses: Of the body at each ray, (n, 3), or at all of them, (3,): m, m, rad.
+        Infinity without an obstacle within range, 0 for one that is too near to be measured. Poses
+        are of the body at each ray, (n, 3), or at all of them, (3,): m, m, rad.
         """
         laser, sensors = self._laser, self._sensors
         noise = laser.noise_m * self._noise.standard_normal(laser.rays)
@@ -207,11 +205,8 @@ def _meet_columns(
 def _pairs(lowest: Floats, wide: Floats, step: float, rays: int) -> _Pairs:
     """The rays between the edges of obstacles.
 
-    Args:
-        lowest: Bearing of each right edge from the first ray, rad.
-        wide: Angle from there to the left edge, rad.
-        step: Angle from one ray to the next, rad; negative: clockwise.
-        rays: Number of rays.
+    Right edges have bearings from the first ray, and left edges angles from there, rad. The step
+    from ray to ray is rad; negative: clockwise.
     """
     if step < 0.0:  # as in a mirror
         lowest, step = -(lowest + wide), -step

@@ -20,18 +20,13 @@ BUMPED_S = 0.1
 
 
 class StreamingController(Controller):
-    """The controller behind the line.
-
-    Attributes:
-        plant: The simulated base.
-        streams: Whether it sends frames now.
-    """
+    """The controller behind the line."""
 
     def __init__(self, plant: Plant, frame_s: float, watchdog_s: float | None) -> None:
         """Send a frame each `frame_s`; stop `watchdog_s` after the last command; None: never."""
         super().__init__(plant)
-        self.plant = plant
-        self.streams = False
+        self.plant = plant  # the simulated base
+        self.streams = False  # whether it sends frames now
         self._frame = round(frame_s / plant.step_s)  # this and all times in steps of the plant
         self._next = 0
         self._patience = inf if watchdog_s is None else round(watchdog_s / plant.step_s)

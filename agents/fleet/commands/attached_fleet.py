@@ -41,17 +41,11 @@ class AttachedFleet(FleetRun):
         scouts: Callable[[], Iterable[Mesh]] = tuple,
         replace: bool = False,
     ) -> None:
-        """Set up a run.
+        """Set up a run; it waits for `robots` (None: one), whose namespaces are in `fleet`.
 
-        Args:
-            scenario: The tasks, and the world of the robots' map.
-            options: The other options.
-            robots: The number of robots to wait for; None: one.
-            fleet: Its name: the robots' namespaces are in it.
-            join: Joins the mesh in a namespace; the mesh is closed at the end.
-            scouts: Returns an open mesh for each new route to a router of the fleet; each passes on
-                what all robots share.
-            replace: Give the list also instead of one that the fleet works on.
+        `join` joins the mesh in a namespace; the mesh is closed at the end. `scouts` returns an
+        open mesh for each new route to a router of the fleet; each passes on what all robots share.
+        `replace`: give the list also instead of one that the fleet works on.
         """
         super().__init__(scenario, options, fleet)
         self._wanted, self._replace = robots or 1, replace

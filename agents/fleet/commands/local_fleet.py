@@ -39,15 +39,10 @@ class LocalFleet(FleetRun):
         join: Callable[[str], Mesh],
         joining: Sequence[str] = (),
     ) -> None:
-        """Set up a run.
+        """Set up a run of `robots` (None: all that there is a start for).
 
-        Args:
-            scenario: The world and the tasks.
-            options: The other options.
-            robots: The number of robots; None: all that there is a start for.
-            fleet: Its name: the robots' namespaces are in it.
-            join: Joins the mesh in a namespace; the mesh is closed at the end.
-            joining: Options by which the processes find the mesh.
+        Their namespaces are in `fleet`. `join` joins the mesh in a namespace; the mesh is closed at
+        the end. `joining` are options by which the processes find it.
         """
         super().__init__(scenario, options, fleet)
         ones = robots_of(scenario, robots)

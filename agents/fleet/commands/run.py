@@ -96,19 +96,14 @@ def give(client: Client, tasks: Sequence[FleetTask], *, replace: bool = False) -
 
 
 class FleetRun(Run[FleetWatch, FleetResult]):
-    """A run of several robots; subclasses differ in their societies.
-
-    Attributes:
-        fleet: Its name: the robots' namespaces are in it.
-        clients: The client in each robot's namespace, by namespace.
-    """
+    """A run of several robots; subclasses differ in their societies."""
 
     step_s = 0.5
 
     def __init__(self, scenario: Scenario, options: Options, fleet: str) -> None:
         super().__init__(scenario, options)
-        self.fleet = fleet
-        self.clients: dict[str, Client] = {}
+        self.fleet = fleet  # its name: the robots' namespaces are in it
+        self.clients: dict[str, Client] = {}  # the client in each robot's namespace, by namespace
         self.watch = FleetWatch(scenario.name, (), len(scenario.tasks), options.seed)
         sets = {member.name: member.sets for member in members(scenario, options, "")}
         self.watch.contention = Contention(mechanisms(sets))
@@ -167,11 +162,10 @@ class FleetRehearsal(FleetRun):
         options: Options,
         robots: int | None = None,
         fleet: str = FLEET,
-        mesh: VirtualMesh | None = None,
     ) -> None:
         """Start all processes. Raises ConfigError for an impossible number of robots."""
         super().__init__(scenario, options, fleet)
-        self.mesh = VirtualMesh(options.seed) if mesh is None else mesh
+        self.mesh = VirtualMesh(options.seed)
         ones = robots_of(scenario, robots)
         self.robots: dict[str, Rehearsal] = {}
         for name, one in zip(names_of(fleet, len(ones)), ones, strict=True):

@@ -121,15 +121,8 @@ def report(
 ) -> None:
     """Print a row for each measure, or one JSON object.
 
-    Args:
-        args: Of the command.
-        log: The log.
-        judged: The conclusion.
-        figures: The measures, for JSON.
-        rows: The measures, for people.
-        share: Of the errors that were added to the odometry.
-        of: What else the title names.
-        more: What else the JSON object has.
+    People get `rows`, and `of` in the title; JSON has `figures` and `more`. `share` is that of the
+    errors added to the odometry.
     """
     if args.json:
         import msgspec

@@ -112,15 +112,10 @@ def mapped(
     clock: Callable[[], float],
     step: Callable[[], None] = lambda: None,
 ) -> Mapped:
-    """Take a log through SLAM.
+    """Take a log with scans of a laser through SLAM.
 
-    Args:
-        log: With scans of a laser.
-        parameters: Of SLAM.
-        clock: Tells the processor time, s.
-        step: Called for each reading.
-
-    Raises LogError if no scan can be used.
+    `clock` tells the processor time, s; `step` is called for each reading. Raises LogError if no
+    scan can be used.
     """
     slam, count = Slam(parameters), len(log)
     online, spent = np.full((count, 3), np.nan), np.zeros(count)
@@ -249,10 +244,7 @@ def figures(log: Log, found: Mapped) -> Figures:
 def judgement(log: Log, figures: Figures, outside: int = 0) -> Judgement:
     """Whether the map is one of the log, and nothing speaks against it.
 
-    Args:
-        log: The log.
-        figures: Of the run.
-        outside: Key scans that the grid left out, since it would be too large.
+    The grid left out `outside` key scans, since it would be too large.
     """
     f, found = figures, [log.judgement, yes()]
     if f.key_scans < 2:

@@ -97,12 +97,8 @@ class Changed:
 def changed(before: Cells, after: Cells, every: Cells) -> Changed:
     """The joined grid, with what is new (blue), gone (red) and seen for the first time (green).
 
-    A cell counts if both have seen it, and no wall of the other is within 0.15 m.
-
-    Args:
-        before: Of the earlier sessions alone.
-        after: Of the later one alone.
-        every: Of all.
+    A cell counts if both the earlier sessions and the later one have seen it, and no wall of the
+    other is within 0.15 m.
     """
     was, now, states = _laid([before, after, every])
     new = (now == OCCUPIED) & (was == FREE) & ~_wider(was == OCCUPIED)

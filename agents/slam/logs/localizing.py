@@ -70,13 +70,8 @@ def mapped(
 ) -> Cells:
     """The map that the installed mapper makes from a part of a log, at the reference poses.
 
-    Args:
-        log: The log.
-        name: Of the part (`Log.part`), of the readings with a reference pose.
-        profile: Of the robot: the cones of its sonars.
-        step: Called for each reading.
-
-    Raises LogError without reference poses or walls.
+    The part has the name `name` (`Log.part`), the profile the cones of the sonars; `step` is called
+    for each reading. Raises LogError without reference poses or walls.
     """
     readings = mapping(log, name)
     if not readings:
@@ -166,12 +161,8 @@ class Run:
     def __init__(self, log: Log, chosen: Chosen, clock: Callable[[], float]) -> None:
         """Make the agents.
 
-        Args:
-            log: The log.
-            chosen: The settings.
-            clock: Returns the processor time, s.
-
-        Raises ConfigError for invalid parameters, LogError without a start pose.
+        `clock` returns the processor time, s. Raises ConfigError for invalid parameters, LogError
+        without a start pose.
         """
         self._log, self._clock = log, clock
         self._readings, start = _start_of(log, chosen)

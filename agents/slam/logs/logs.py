@@ -84,11 +84,8 @@ class Readings(Protocol):
     def message(self, index: int, cycle: Cycle, since: Pose2, number: int) -> Scan | Sonar:
         """One reading as the robot agent publishes it.
 
-        Args:
-            index: Of the reading.
-            cycle: In which it is published.
-            since: The robot's pose at the measurement, in the robot's frame of that cycle.
-            number: Of the scan.
+        `since` is the robot's pose at the measurement, in the robot's frame of the cycle in which
+        it is published; `number` is the scan's.
         """
 
     def only(self, which: Sequence[int]) -> Readings:
@@ -231,11 +228,7 @@ def with_errors(log: Log, share: float, seed: int) -> Log:
     """The log with wheel errors added to its odometry.
 
     Three errors are constant over the log (scale, rotation, drift); noise is drawn for each row.
-
-    Args:
-        log: Any log; usually its odometry is a corrected path.
-        share: Standard deviation of the errors, as a share of distance and rotation.
-        seed: Of the random numbers.
+    Their standard deviation is `share` of distance and rotation.
     """
     rng = Random(seed)
     longer, turned = rng.gauss(0.0, share / 2), rng.gauss(0.0, share)
@@ -519,11 +512,8 @@ def alike(
     """The ranges of all scans at the angles of most of them, (n, k), and these angles.
 
     Some drivers send a few rays more or less in each scan. A scan with other angles gives each ray
-    its range at the nearest angle; where it has no ray within its own step, the range is NaN.
-
-    Args:
-        scans: Ranges, and the first angle and the step of each, rad.
-        notes: A line is added if angles differ.
+    its range at the nearest angle; where it has no ray within its own step, the range is NaN. Each
+    scan has ranges, the first angle and the step, rad. If angles differ, a note is added.
     """
     shapes = Counter((len(ranges), angles) for ranges, angles in scans)
     (count, (first, step)), _ = shapes.most_common(1)[0]
@@ -551,10 +541,8 @@ def alike(
 def changed_scanner(shapes: Sequence[tuple[int, float, float]]) -> tuple[str, ...]:
     """That the scanner of a log was changed, and where; nothing if it was not.
 
-    Drivers that send a few rays more or less, now and then, are one scanner.
-
-    Args:
-        shapes: The number of rays of each scan, the first angle and the step, rad.
+    Drivers that send a few rays more or less, now and then, are one scanner. A shape is the number
+    of rays of a scan, the first angle and the step, rad.
     """
     if len(shapes) < 2 * CHANGED:
         return ()

@@ -17,6 +17,7 @@ from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import Command, flag, group, option
 from armadico.mesh.door import PAGE
+from armadico.mesh.ports import LOOPBACK
 from armadico.watch.beside import STARTING, Helpers
 from armadico.watch.screen import has_screen
 
@@ -47,7 +48,12 @@ class Options:
         "draw the walls of this world (default: of the society that runs here)", metavar="MAP"
     )
     port: int = options.port_option(PORT)
-    bind: str = options.bind_option("all machines that have the token")
+    bind: str = option(
+        f"listen on this address: {LOOPBACK} for this machine only, 0.0.0.0 for all machines that"
+        f" have the token (default: {LOOPBACK})",
+        default=LOOPBACK,
+        metavar="ADDRESS",
+    )
     token: str | None = option(
         "access token, at least 16 characters; visible in this machine's process list, unlike"
         f" ${TOKEN_VARIABLE} (default: with --bind or keys, a random one)",

@@ -38,10 +38,8 @@ def serve(
 ) -> tuple[rr.RecordingStream, str]:
     """A recording that viewers may connect to; returns it and its address.
 
-    Args:
-        worlds: The namespaces to show, each with its world, if that is known.
-        port: Where to listen; it must be free.
-        record: A file to write it to as well.
+    It shows namespaces, each with its world, if that is known. The port must be free; a file to
+    `record` gets it as well.
     """
     recording = _stream()
     sinks: list[rr.GrpcServerSink | rr.FileSink] = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from armadico.config.worlds import load_world
+from armadico.mesh.topology import DEFAULT_NAMESPACE
 from armadico.mesh.virtual import VirtualMesh
 from armadico.observe.watching import QUERY_S
 from armadico.watch.dashboard.local_map import Zones
@@ -15,13 +16,11 @@ from armadico.watch.dashboard.server import finish, keep
 class Rehearsed:
     """Draws a run on a virtual mesh; use as a context manager around it."""
 
-    def __init__(
-        self, mesh: VirtualMesh, world: str, path: Path, zones: Zones, *, namespace: str = "robot1"
-    ) -> None:
+    def __init__(self, mesh: VirtualMesh, world: str, path: Path, zones: Zones) -> None:
         walls = load_world(world)
         self._path = path
-        self._recording = keep({namespace: walls}, path)
-        self._scene = Scene(self._recording, walls, namespace, zones)
+        self._recording = keep({DEFAULT_NAMESPACE: walls}, path)
+        self._scene = Scene(self._recording, walls, DEFAULT_NAMESPACE, zones)
         self._mesh = mesh
         mesh.watch(lambda _key, message, now: self._scene.update(message, now), *SHOWN)
         mesh.call_at(mesh.now + QUERY_S, self._query)

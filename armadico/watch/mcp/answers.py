@@ -59,11 +59,7 @@ class Society(Chronicle):
     ) -> None:
         """Begin without any messages.
 
-        Args:
-            gazetteer: The world of the robot with its named places, or None if unknown.
-            missions: Titles of the missions that can be ordered, by name.
-            demand: What the society should be.
-            begun: See `Chronicle`.
+        `missions` are the titles, by name, of those that can be ordered.
         """
         super().__init__(demand=demand, begun=begun)
         self.gazetteer = gazetteer

@@ -78,16 +78,11 @@ class Approving(Open):
 
 @dataclass(eq=False)
 class Rehearsing(Open):
-    """It is answered by a rehearsal, on a thread of its own.
+    """It is answered by a rehearsal, on a thread of its own."""
 
-    Attributes:
-        against: What the policy has against what is rehearsed; "" if nothing.
-        done: Samples that have ended.
-        answer: What the rehearsal told; a text: why it is refused.
-    """
-
-    against: str = ""
-    done: int = 0
+    against: str = ""  # what the policy has against what is rehearsed; "" if nothing
+    done: int = 0  # samples that have ended
+    # What the rehearsal told; a text: why it is refused.
     answer: Mapping[str, Any] | str | None = None
 
     @property

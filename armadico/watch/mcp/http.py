@@ -62,15 +62,8 @@ class Door(ThreadingHTTPServer):
     def __init__(self, server: Server, guard: Guard, address: str, port: int, version: str) -> None:
         """Listen; port 0 selects a free one.
 
-        Args:
-            server: Answers the calls.
-            guard: Checks access; it has a token.
-            address: To listen on.
-            port: The port.
-            version: This program's, shown to clients.
-
-        Raises:
-            OSError: The address or the port cannot be used; also OverflowError, UnicodeError.
+        The guard has a token; `version` is shown to clients. Raises OSError, OverflowError or
+        UnicodeError if the address or the port cannot be used.
         """
         super().__init__((address, port), _Request, bind_and_activate=False)
         self.answering, self.guard, self.version = server, guard, version

@@ -153,21 +153,16 @@ class Call(Struct, frozen=True):
 
     The tool and its arguments are not checked here. The assistant agent records and refuses
     invalid ones.
-
-    Attributes:
-        stamp: Further fields of the answer, by the version of the call.
-        by: The client's name.
-        progress: The token of progress notifications; None: the client wants none.
-        uri: The resource that is read by this tool; empty: the tool is called.
     """
 
     id: int | str
     tool: str
     text: str
-    stamp: dict[str, object] = {}
-    by: str = ""
+    stamp: dict[str, object] = {}  # further fields of the answer, by the version of the call
+    by: str = ""  # the client's name
+    # The token of progress notifications; None: the client wants none.
     progress: int | str | None = None
-    uri: str = ""
+    uri: str = ""  # the resource that is read by this tool; empty: the tool is called
 
 
 class Dropped(Struct, frozen=True):
@@ -177,17 +172,12 @@ class Dropped(Struct, frozen=True):
 
 
 class Lines:
-    """The conversation with one client.
-
-    Attributes:
-        client: The client's name; empty until it is received.
-        greeted: Whether the client has begun with the handshake of older versions.
-    """
+    """The conversation with one client."""
 
     def __init__(self, version: str, client: str = "") -> None:
         """Begin a conversation; `version` is this program's, shown to clients."""
-        self.client = client
-        self.greeted = False
+        self.client = client  # the client's name; empty until it is received
+        self.greeted = False  # whether the client has begun with the handshake of older versions
         self._version = version
 
     def receive(self, data: bytes) -> Call | Dropped | bytes | None:
@@ -342,12 +332,9 @@ def refused(code: int, why: str) -> bytes:
 def mismatch(data: bytes, headers: Mapping[str, str]) -> bytes | None:
     """Return the error of a body that its HTTP headers contradict; None if they agree.
 
-    Those of the stateless version repeat the body, so that proxies need not read it. Others have
-    the version's header alone, or none. A body that cannot be read is left to `Lines`.
-
-    Args:
-        data: The body.
-        headers: By names in lower case; repeated ones joined by commas.
+    Headers of the stateless version repeat the body, so that proxies need not read it. Others have
+    the version's header alone, or none. A body that cannot be read is left to `Lines`. The names
+    are in lower case, and repeated headers joined by commas.
     """
     try:
         body = msgspec.json.decode(data, type=_Outline)

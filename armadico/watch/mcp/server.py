@@ -157,13 +157,9 @@ class Server:
     ) -> None:
         """Set up the server.
 
-        Args:
-            guests: Clients on the mesh: for stops, and for all else.
-            watcher: Receives the society's messages.
-            society: The state that they are added to.
-            start: Starts an assistant agent; None: this program may not.
-            rehearse: Drives virtually; None: it is not installed.
-            limited: Whether the agent that is started has a policy.
+        `guests` are clients on the mesh: for stops, and for all else. The watcher's messages are
+        added to `society`. `start` starts an assistant agent, which is `limited` by a policy; None:
+        this program may not. `rehearse` drives virtually; None: it is not installed.
         """
         self._stopper, self._client = guests
         self._watcher = watcher

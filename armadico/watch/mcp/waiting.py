@@ -13,21 +13,13 @@ from armadico.watch.mcp.answers import Society
 
 @dataclass
 class Wait:
-    """A wait for the end of one goal; times in s by the society's clock.
+    """A wait for the end of one goal; times in s by the society's clock."""
 
-    Attributes:
-        mission: The goal's number.
-        to: What it is called, for people.
-        began: When the wait began.
-        until: When it ends in any case.
-        seen: Whether the interface agent has reported this goal yet.
-    """
-
-    mission: int
-    to: str
-    began: float
-    until: float
-    seen: bool = False
+    mission: int  # the goal's number
+    to: str  # what it is called, for people
+    began: float  # when the wait began
+    until: float  # when it ends in any case
+    seen: bool = False  # whether the interface agent has reported this goal yet
 
     def end(self, society: Society, now: float) -> JsonObject | None:
         """Return the answer once the goal or the wait has ended, else None."""

@@ -37,15 +37,12 @@ class Refusal:
 
 @dataclass(frozen=True)
 class Guard:
-    """The access rules.
+    """The access rules."""
 
-    Attributes:
-        token: A browser that has it may drive, and release the stop; without it, it may look and
-            stop. Empty: every browser may, on loopback only.
-        names: Names of this machine that are valid as Host, besides localhost.
-    """
-
+    # A browser that has it may drive, and release the stop; without it, it may look and stop.
+    # Empty: every browser may, on loopback only.
     token: str = ""
+    # Names of this machine that are valid as Host, besides localhost.
     names: frozenset[str] = frozenset()
 
     @classmethod

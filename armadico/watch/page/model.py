@@ -68,13 +68,9 @@ class Robot:
     ) -> None:
         """Start without messages.
 
-        Args:
-            namespace: The robot's.
-            world: Its walls are shown.
-            bits64: Returns the random number of a stop.
-            helpers: Agents that can be started beside the page if no host can start them.
-            demand: What the society should be.
-            gazetteer: The places that the page offers by name.
+        `bits64` returns the random number of a stop. `helpers` are agents that can be started
+        beside the page if no host can start them. The gazetteer has the places that the page offers
+        by name.
         """
         self.namespace = namespace
         self.view = View()

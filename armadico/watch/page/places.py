@@ -25,12 +25,8 @@ class Places(Generic[C]):
     def enter(self, connection: C, source: str, rank: int = 0) -> C | None:
         """Give a connection a place; return the one that has lost its place, if any.
 
-        It is this one only if all others have a higher rank.
-
-        Args:
-            connection: The connection.
-            source: Where it comes from (`armadico.mesh.sources.source_of`).
-            rank: Those of a lower rank leave first.
+        It is this one only if all others have a higher rank: those of a lower one leave first. The
+        source is that of `armadico.mesh.sources.source_of`.
         """
         self._taken[connection] = (rank, source)
         if len(self._taken) <= self._most:

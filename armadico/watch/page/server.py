@@ -105,14 +105,7 @@ class Server:
     """A context manager that listens from its construction on."""
 
     def __init__(self, session: Session, guard: Guard, address: str, port: int) -> None:
-        """Start to listen. Raises ServerError.
-
-        Args:
-            session: Receives the messages of browsers.
-            guard: Checks access.
-            address: To listen on.
-            port: A port; 0 selects a free one.
-        """
+        """Start to listen; port 0 selects a free one. Raises ServerError."""
         self._session = session
         self._guard = guard
         self._browsers: dict[str, _Browser] = {}

@@ -23,15 +23,11 @@ _M = TypeVar("_M", bound=m.Message)
 
 
 class Health:
-    """The state of one robot.
-
-    Attributes:
-        newest: The newest message of each kind.
-    """
+    """The state of one robot."""
 
     def __init__(self, prefix: str) -> None:
         """`prefix` begins the names of statuses: the namespace and a slash, or nothing."""
-        self.newest: dict[type[m.Message], m.Message] = {}
+        self.newest: dict[type[m.Message], m.Message] = {}  # the newest message of each kind
         self._prefix = prefix
         self._acks: dict[str, m.Ack] = {}
         self._battery_at = self._due_at = 0  # ns: not before then

@@ -33,14 +33,10 @@ class SocietyNode:
     ) -> None:
         """Publish and subscribe; the caller closes the wire. Raises OSError.
 
-        Args:
-            wire: Joined.
-            channels: All channels of the translators.
-            goals: The channel of goals; None: no goals are accepted.
-            log: Receives lines about conflicts with other nodes.
-            beside: The robot itself runs ROS 2: the topics that it publishes are left out.
-            settle_s: Time to detect a robot that publishes its odometry, before the topics of a
-                robot are published.
+        Without a channel of goals none are accepted; `log` receives lines about conflicts with
+        other nodes. `beside`: the robot itself runs ROS 2, so the topics that it publishes are left
+        out. A robot that publishes its odometry is detected for `settle_s` before the topics of a
+        robot are published.
         """
         self._wire, self._beside, self._log = wire, beside, log
         self._channels, self._goals = channels, goals

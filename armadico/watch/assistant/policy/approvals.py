@@ -70,37 +70,21 @@ def read(entries: Iterable[Entry]) -> list[Always]:
 
 @dataclass
 class Waiting:
-    """One request that needs a person's yes.
+    """One request that needs a person's yes."""
 
-    Attributes:
-        number: Drawn at random.
-        request: What was asked.
-        section: Of the policy.
-        place: The goal for people; "": it has none.
-        goal: The goal, m; None: it has none.
-        why: Which rule asks.
-        rooms: The rooms on its way that ask.
-        go: Does it.
-        at: When it was asked, s.
-        seen_at: When the client asked for it last, s.
-        over: How it ended; "": it waits.
-        by: The person who answered.
-        outcome: The reply to the client, once there is one.
-    """
-
-    number: int
-    request: AssistantRequest
-    section: str
-    place: str
-    goal: tuple[float, float] | None
-    why: str
-    rooms: tuple[str, ...]
-    go: Callable[[Waiting], None]
-    at: float
-    seen_at: float
-    over: str = ""
-    by: str = ""
-    outcome: AssistantReply | None = None
+    number: int  # drawn at random
+    request: AssistantRequest  # what was asked
+    section: str  # of the policy
+    place: str  # the goal for people; "": it has none
+    goal: tuple[float, float] | None  # the goal, m; None: it has none
+    why: str  # which rule asks
+    rooms: tuple[str, ...]  # the rooms on its way that ask
+    go: Callable[[Waiting], None]  # does it
+    at: float  # when it was asked, s
+    seen_at: float  # when the client asked for it last, s
+    over: str = ""  # how it ended; "": it waits
+    by: str = ""  # the person who answered
+    outcome: AssistantReply | None = None  # the reply to the client, once there is one
 
     @property
     def code(self) -> str:
@@ -116,20 +100,15 @@ class Waiting:
 
 @dataclass
 class Approvals:
-    """Those that wait, and those that are over.
-
-    Attributes:
-        standing: Those for always that count.
-        unproved: Those of a log that the society has not confirmed yet: they do not count.
-        lapsed: Those of a log that was changed, or that the society has not confirmed in time.
-        under: The policy and the map now, as their hash.
-    """
+    """Those that wait, and those that are over."""
 
     _all: dict[int, Waiting] = field(default_factory=dict)
-    standing: list[Always] = field(default_factory=list)
+    standing: list[Always] = field(default_factory=list)  # those for always that count
+    # Those of a log that the society has not confirmed yet: they do not count.
     unproved: list[Always] = field(default_factory=list)
+    # Those of a log that was changed, or that the society has not confirmed in time.
     lapsed: list[Always] = field(default_factory=list)
-    under: str = ""
+    under: str = ""  # the policy and the map now, as their hash
 
     @property
     def waiting(self) -> list[Waiting]:

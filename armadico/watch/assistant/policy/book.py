@@ -17,11 +17,7 @@ MOVE: Final = "a person has to look at it, and to move it away"
 
 
 class Book:
-    """Appends to the log, publishes its end, and ends approvals that the log does not prove.
-
-    Attributes:
-        fault: Why the log cannot be used, so that nothing is allowed; "": it can, or there is none.
-    """
+    """Appends to the log, publishes its end, and ends approvals that the log does not prove."""
 
     def __init__(
         self,
@@ -36,15 +32,11 @@ class Book:
     ) -> None:
         """Open the log, and take its approvals for always as not proved yet.
 
-        Args:
-            path: The file; "": there is no log.
-            known: The approvals.
-            by: The instance that writes.
-            hears: Returns whether the society may still tell what it knows of the log.
-            stamp: Returns the local time with its offset, ISO 8601.
-            publish: Publishes a message.
-            log: Logs a line for people at a level.
+        Without a path there is no log. `by` is the instance that writes; `hears` returns whether
+        the society may still tell what it knows of the log; `stamp` returns the local time with its
+        offset, ISO 8601; `log` logs a line for people at a level.
         """
+        # Why the log cannot be used, so that nothing is allowed; "": it can, or there is none.
         self.fault = ""
         self._path, self._approvals, self._by = path, known, by
         self._hears, self._stamp, self._publish, self._log = hears, stamp, publish, log

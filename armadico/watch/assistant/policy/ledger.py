@@ -62,22 +62,16 @@ def sealed(entry: Entry, before: str) -> Entry:
 
 @dataclass(frozen=True)
 class Checked:
-    """What is known of a log.
+    """What is known of a log."""
 
-    Attributes:
-        entries: The number of its last line; 0: it is empty.
-        head: The last line's hash.
-        fault: What is wrong, and in which line; "": the chain holds.
-        gap: Where entries are missing, by a line that says so itself; "": nowhere. It is no fault,
-            since the agent wrote that line, and a log that was moved away begins with one.
-        always: The approvals for always that count. None from before a gap does, since what ended
-            it may have been cut off.
-    """
-
-    entries: int = 0
-    head: str = BEGIN
-    fault: str = ""
+    entries: int = 0  # the number of its last line; 0: it is empty
+    head: str = BEGIN  # the last line's hash
+    fault: str = ""  # what is wrong, and in which line; "": the chain holds
+    # Where entries are missing, by a line that says so itself; "": nowhere. It is no fault, since
+    # the agent wrote that line, and a log that was moved away begins with one.
     gap: str = ""
+    # The approvals for always that count. None from before a gap does, since what ended it may have
+    # been cut off.
     always: tuple[Entry, ...] = ()
 
 
@@ -126,16 +120,12 @@ def against(found: Checked, entries: int, head: str) -> str:
 
 
 class LogFile:
-    """A log on disk, which is only appended to.
-
-    Attributes:
-        known: What is known of it.
-    """
+    """A log on disk, which is only appended to."""
 
     def __init__(self, path: Path) -> None:
         """Check what is there. Raises OSError."""
         self.path = path
-        self.known = check(lines_of(path)) if path.exists() else Checked()
+        self.known = check(lines_of(path)) if path.exists() else Checked()  # what is known of it
         self.skip = 0  # entries that the society knows and the file has lost
         if path.exists() and (fault := exposed(path)):
             self.known = Checked(fault=fault)
@@ -155,9 +145,8 @@ class LogFile:
     def hear(self, entries: int, head: str) -> tuple[Entry | None, tuple[Entry, ...]]:
         """Compare the file with what the society knows, the number of entries and the last hash.
 
-        Returns:
-            The entry to append, if they differ: `CUT`, after which no approval for always counts,
-            or `BEYOND`; and the approvals beyond what the society knows, which count no more.
+        If they differ, return the entry to append, `CUT`, after which no approval for always
+        counts, or `BEYOND`; and the approvals beyond what the society knows, which count no more.
         """
         if self.skip and entries <= self.skip:
             return None, ()

@@ -93,20 +93,14 @@ class _File(Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class Rules:
-    """The limits of one section, ready to be asked.
+    """The limits of one section, ready to be asked."""
 
-    Attributes:
-        name: The section's name.
-        section: What the file has, with the keys of `[default]`.
-        area: Where the robot may be.
-        asks: The rooms whose ways need approval, by name.
-        barriers: The distance of a place from the map's walls, m.
-    """
-
-    name: str
-    section: Section
-    area: Area = field(default_factory=lambda: Area(()))
+    name: str  # the section's name
+    section: Section  # what the file has, with the keys of `[default]`
+    area: Area = field(default_factory=lambda: Area(()))  # where the robot may be
+    # The rooms whose ways need approval, by name.
     asks: Mapping[str, Area] = field(default_factory=dict)
+    # The distance of a place from the map's walls, m.
     barriers: Callable[[float, float], float] = lambda _x, _y: inf
 
     @property
@@ -233,9 +227,7 @@ NO_POLICY: Final = Policy(NO_RULES, {})
 def load(path: Path | str, world: World | None = None) -> Policy:
     """Read a policy file. Raises ConfigError.
 
-    Args:
-        path: The file.
-        world: The map that its rooms are on, and that shows what is no person; None: no map.
+    Its rooms are on the map `world`, which shows what is no person; None: no map.
     """
     return read(read_text(path, LONGEST), path, world)
 

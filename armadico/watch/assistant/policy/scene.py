@@ -29,21 +29,13 @@ BEYOND_M: Final = 0.05
 
 @dataclass(frozen=True)
 class Scene:
-    """What is known of the robot now.
+    """What is known of the robot now."""
 
-    Attributes:
-        body: Its footprint and limits; None: not received.
-        pose: None: there is no fresh one.
-        state: Its speeds; None: there is no fresh one.
-        obstacles: None: there are no fresh ones.
-        to_go_m: What remains of its path, m; inf: that is not known.
-    """
-
-    body: Description | None
-    pose: Pose | None
-    state: RobotState | None
-    obstacles: Obstacles | None
-    to_go_m: float = inf
+    body: Description | None  # its footprint and limits; None: not received
+    pose: Pose | None  # none: there is no fresh one
+    state: RobotState | None  # its speeds; None: there is no fresh one
+    obstacles: Obstacles | None  # none: there are no fresh ones
+    to_go_m: float = inf  # what remains of its path, m; inf: that is not known
 
     @property
     def here(self) -> Place:
@@ -73,11 +65,8 @@ class Scene:
     ) -> str:
         """Why a path from here is refused; "" if it is not.
 
-        Args:
-            rules: Those of the client.
-            path: The places that it leads over, m, without the robot's.
-            what: Its name.
-            legs: Whether it is straight from here to these places; they alone count otherwise.
+        The path, with the name `what`, leads over places (m), without the robot's. `legs`: it is
+        straight from here to them; they alone count otherwise.
         """
         if not rules.needs_path:
             return ""
