@@ -51,6 +51,11 @@ class Options:
 def run(args: Options) -> int:
     if args.follow and args.folder is not None:
         raise UsageError("--folder reads log files, -f follows published lines: use one of them")
+    if not args.follow and (args.mesh != options.Mesh() or args.level != "debug" or args.timeout):
+        raise UsageError(
+            "--level, --timeout and the options of the mesh select published lines: add -f;"
+            " --folder DIR selects the log files of another run"
+        )
     return _follow(args) if args.follow else _read(args)
 
 

@@ -120,8 +120,9 @@ class ArgumentParser(argparse.ArgumentParser):
 
     def _no_such_option(self, name: str) -> NoReturn:
         shown = (a.option_strings for a in self._actions if a.help != argparse.SUPPRESS)
-        near = nearest(name, {flag for flags in shown for flag in flags if flag.startswith("--")})
-        todo = f"did you mean {near}?" if near else f"see {self.prog} --help"
+        flags = {flag[2:] for each in shown for flag in each if flag.startswith("--")}
+        near = nearest(name.lstrip("-"), flags)  # the dashes alone are no likeness
+        todo = f"did you mean --{near}?" if near else f"see {self.prog} --help"
         self.error(f"{name}: no such option; {todo}")
 
     def error(self, message: str) -> NoReturn:

@@ -189,6 +189,7 @@ class Chronicle:
         self._touch = _Touch()
         self._counts: dict[str, Pauses] = {}  # by key
         self._state_at: float | None = None  # of the first state of the robot, s
+        self.lost = ""  # which messages a recording lacks: any event may be among them
 
     # Input ---------------------------------------------------------------------------------------
 
@@ -272,7 +273,7 @@ class Chronicle:
         if count is None or self._state_at is None:
             return f"no {key if self._state_at is not None else STATE} was received"
         gap = count.gap(self.now, begun)
-        return f"no {key} was received {gap}" if gap else ""
+        return f"no {key} was received {gap}" if gap else self.lost
 
     # Inside --------------------------------------------------------------------------------------
 

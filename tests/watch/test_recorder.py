@@ -290,6 +290,16 @@ def test_a_file_larger_than_the_memory_is_read(tmp_path: Path) -> None:
     assert "3 messages" in done.stdout
 
 
+def test_tables_are_not_written_beside_those_of_another_recording(tmp_path: Path) -> None:
+    """Tables of topics that the new one lacks would stay, and be taken for its own."""
+    path = tmp_path / "run.mcap"
+    recorded(path, received("robot/state", STATE, 1))
+    assert call("export", str(path), "--to", "csv").returncode == 0
+    again = call("export", str(path), "--to", "csv")
+    assert again.returncode == 1
+    assert "run-csv holds tables already; name another folder with --out" in again.stderr
+
+
 def test_tables_have_a_file_per_topic_and_a_column_per_field(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     released = m.Claim("wheels", BALLOT, CYCLE, None)

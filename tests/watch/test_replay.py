@@ -292,6 +292,15 @@ def test_a_changed_parameter_of_an_agent_that_cannot_be_replayed_fails(
     assert run(path, "--set", "avoid.v_danger=0.05")[0] == 0
 
 
+def test_a_changed_parameter_is_not_replayed_whole_on_a_recording_that_was_cut(
+    recording: Path, tmp_path: Path, run: Callable[..., tuple[int, str, str]]
+) -> None:
+    (cut := tmp_path / "cut.mcap").write_bytes(recording.read_bytes()[:-100_000])
+    code, out, _ = run(cut, "--agent", "goto", "--set", "v_max=0.2")
+    assert "The recording is damaged" in out
+    assert code == options.FAILED
+
+
 def test_a_world_that_has_changed_is_named(tmp_path: Path) -> None:
     world = tmp_path / "hall.map"
     shutil.copy(folder("worlds") / f"{load_scenario('sc4').world}.map", world)

@@ -148,6 +148,9 @@ def test_a_recording_that_was_cut_short_is_asked_as_far_as_it_goes(
     out, err = capsys.readouterr()
     assert "was cut short" in err
     assert "At its end:" in out
+    assert "Not all collisions are known" in out
+    capsys.readouterr()
+    assert cli.main(["why", str(cut), "--collision"]) == options.UNKNOWN, "it may have been cut off"
 
 
 @pytest.mark.parametrize(

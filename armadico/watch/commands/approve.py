@@ -183,8 +183,8 @@ def _log(args: Options, which: str) -> int:
 
     try:
         found = check(lines_of(Path(which)))
-    except OSError as error:
-        raise FailedError(f"{which}: {error.strerror}") from None
+    except OSError as error:  # not 1: that says of a log that it was changed
+        raise UsageError(f"{which}: {error.strerror}") from None
     if wrong := found.fault or found.gap:
         raise FailedError(f"{which}: {wrong}")
     ledger, why = None, "no agent of a society remembers its length"

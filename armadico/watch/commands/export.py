@@ -53,6 +53,8 @@ def _to_csv(args: Options) -> str:
     from armadico.watch.recordings import rows
 
     folder = _out(args)
+    if any(folder.glob("*.csv")):  # tables of topics that this recording lacks would stay
+        raise FailedError(f"{folder} holds tables already; name another folder with --out")
     with Tables(folder) as tables:
         for row in rows(args.file, options.reporter("armadico export")):
             if args.namespace in (None, row.namespace):

@@ -63,9 +63,9 @@ class Options:
 
 
 def run(args: Options) -> int:
-    """Returns 0 only if all chosen agents were replayed with the same decisions.
+    """Returns 0 only if all chosen agents were replayed to their ends with the same decisions.
 
-    With `--set`, the decisions may differ.
+    With `--set` those that it changes are judged alone, and their decisions may differ.
     """
     options.need("mcap", "record")
     from armadico.watch.recordings import Past, RecordingError
@@ -90,10 +90,8 @@ def run(args: Options) -> int:
         _show(past, outcomes, took)
         if damage:
             print("The recording is damaged: missing messages were not compared.")
-    if args.sets:
-        changed = [outcome for outcome in outcomes if outcome.name in sets]
-        return options.FAILED if any(outcome.refusal for outcome in changed) else 0
-    whole = all(outcome.equal and not outcome.end for outcome in outcomes)
+    judged = [each for each in outcomes if each.name in sets] if args.sets else outcomes
+    whole = all((args.sets or each.equal) and not each.refusal and not each.end for each in judged)
     return 0 if whole and not damage else options.FAILED
 
 

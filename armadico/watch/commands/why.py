@@ -229,6 +229,8 @@ def _read(args: Options, past: Past, again: Bids) -> Answer:
         if at is not None and t > at + LATER_S:
             break
         _add(chronicle, contention, row, t)
+    if past.damage:
+        chronicle.lost = f"{args.file} was cut or damaged, and could be read up to {t:.1f} s"
     if not args.mesh.namespace and others:
         names = ", ".join(sorted({namespace, *others}))
         raise UsageError(f"{args.file} holds {names}; name one robot: --namespace NS")

@@ -96,6 +96,7 @@ def test_a_value_that_must_not_be_is_named(words: list[str], says: str) -> None:
         (["--star", "1", "-2", "0"], "--star: no such option; did you mean --start?"),
         (["--job=3"], "--job: no such option; did you mean --jobs?"),
         (["-x"], "-x: no such option; see armadico test --help"),
+        (["--zz"], "--zz: no such option; see armadico test --help"),  # only the dashes are alike
         (["more"], "unrecognized arguments: more"),
     ],
 )

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from armadico.bridge.simulator.server import TcpLine
-from armadico.cli import doctor, main
-from armadico.cli.options import Mesh
+from armadico.cli import doctor, logs, main
+from armadico.cli.options import Mesh, UsageError
 from armadico.mesh.sockets import socket_of
 from tests.robot.terminal import NAMESPACE, SOON, Run, Society
 
@@ -37,6 +37,15 @@ def test_logs_of_a_run_come_in_order(run: Run, tmp_path: Path) -> None:
         "3",
     ]
     assert run("logs", "nobody", "--folder", str(tmp_path)).returncode == 1
+
+
+@pytest.mark.parametrize(
+    "only", [["--level", "error"], ["--timeout", "2"], ["--connect", "tcp/a:1"]]
+)
+def test_logs_of_files_refuses_what_would_select_nothing_in_them(only: list[str]) -> None:
+    """All lines, or those of another robot, would be taken for the ones that were asked for."""
+    with pytest.raises(UsageError, match="add -f"):
+        logs.run(logs.main.parse(only))
 
 
 def test_doctor_finds_the_society(run: Run, society: Society) -> None:

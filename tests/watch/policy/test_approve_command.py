@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from armadico.cli.options import FailedError, UnknownError
+from armadico.cli.options import FailedError, UnknownError, UsageError
 from armadico.core import discovery
 from armadico.core.config_errors import ConfigError
 from armadico.mesh.topology import MeshError
@@ -110,6 +110,12 @@ def test_a_log_is_checked_without_a_society_and_its_end_is_unknown(tmp_path: Pat
         approve.run(options)
     log.write_bytes(log.read_bytes().replace(b"started", b"stopped"))
     with pytest.raises(FailedError, match="line 1"):
+        approve.run(options)
+
+
+def test_a_log_that_is_not_there_is_no_log_that_was_changed(tmp_path: Path) -> None:
+    options: Any = SimpleNamespace(what="log", which=str(tmp_path / "no"), json=False, mesh=None)
+    with pytest.raises(UsageError, match="No such file"):
         approve.run(options)
 
 
