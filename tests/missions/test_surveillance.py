@@ -109,6 +109,14 @@ def in_r1(building: Building) -> int:
 
 
 @pytest.mark.long
+def test_without_the_better_planner_the_other_one_s_plan_is_merged() -> None:
+    building = Building(without=("planner-onward",))
+    number = in_r1(building)
+    building.rings("R21")
+    assert building.mission(number).ahead == (*RETURNING, *FINAL[3:])
+
+
+@pytest.mark.long
 def test_without_any_planner_it_goes_straight_there_and_on() -> None:
     building = Building(without=("planner-onward", "planner-returning"))
     number = in_r1(building)

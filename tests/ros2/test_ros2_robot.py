@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import hypot
+from math import hypot, inf, nan
 
 import pytest
 from msgspec.structs import replace
@@ -117,6 +117,14 @@ def test_its_scan_shows_the_walls() -> None:
     assert ahead == pytest.approx(3.0 - 0.12, abs=0.05)
 
 
+def test_its_stamps_are_of_its_own_clock() -> None:
+    bench = Bench().want()
+    bench.robot.controller.clock_s = 1e9
+    bench.go(1.0)
+    stamp = bench.odometry().header.stamp
+    assert stamp.sec + 1e-9 * stamp.nanosec == pytest.approx(1e9 + 1.0, abs=0.021)
+
+
 def test_the_session_understands_it() -> None:
     bench = Bench()
     session, events = Session(JACKAL, 0.0), []
@@ -169,6 +177,12 @@ def test_its_sonars_publish_their_ranges_in_turn() -> None:
     ahead = next(one for one in ranges if one.header.frame_id == "sonar_3")
     assert ahead.range == pytest.approx(3.0 - 0.25, abs=0.1)
     assert (ahead.min_range, ahead.max_range) == pytest.approx((0.1, 5.0))
+
+
+def test_without_echo_its_sonars_publish_infinity() -> None:
+    bench = Bench(SONARS, walls=[]).want()
+    bench.go(0.5)
+    assert {one.range for _, one in ranges_of(bench)} == {inf}
 
 
 def test_its_sonars_may_have_a_topic_each() -> None:
@@ -250,6 +264,25 @@ def test_one_without_a_watchdog_drives_on_for_ever() -> None:
     assert bench.robot.plant.speeds[0] == pytest.approx(0.2, abs=0.01)
 
 
+def test_what_it_cannot_do_it_does_as_far_as_it_can() -> None:
+    bench = Bench(BURGER, walls=[])
+    bench.drive(5.0, 0.0, 1.0)
+    assert bench.robot.plant.speeds[0] == pytest.approx(0.22, abs=0.01)
+    bench.drive(0.009, 0.0, 1.0)  # below a whole cm/s
+    assert bench.robot.plant.speeds[0] == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("bad", [nan, inf])
+def test_speeds_that_are_no_numbers_are_passed_over(bad: float) -> None:
+    bench = Bench(walls=[])
+    bench.command(bad)
+    bench.command(0.0, bad)
+    bench.robot.receive(frame("cmd_vel", b"\x00\x01\x00\x00"), bench.now)
+    bench.robot.receive(b"garbage" * 10, bench.now)
+    bench.go(1.0)
+    assert bench.robot.plant.speeds == (0.0, 0.0)
+
+
 # --- in its world
 
 
@@ -274,3 +307,19 @@ def test_its_odometry_is_the_truth_where_sensors_are_ideal_and_not_where_they_ar
         far.append(hypot(place.x - x, place.y - y))
     assert far[0] < 0.02
     assert far[1] > 0.03
+
+
+def test_driving_drains_its_battery() -> None:
+    still, driven = Bench(walls=[]), Bench(walls=[])
+    still.go(10.0)
+    driven.drive(1.5, 0.0, 10.0)
+    assert driven.robot.plant.battery.charge < still.robot.plant.battery.charge < 1.0
+
+
+def test_the_same_seed_gives_the_same_bytes() -> None:
+    def run() -> list[tuple[float, str, bytes]]:
+        bench = Bench(sensors=REAL, seed=7).want()
+        bench.drive(0.5, 0.3, 2.0)
+        return bench.received
+
+    assert run() == run()

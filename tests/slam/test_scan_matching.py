@@ -79,6 +79,17 @@ def test_a_small_shift_is_found(x: float, y: float, turn: float) -> None:
     assert np.abs(off).max() < 0.03
 
 
+@settings(max_examples=8, deadline=None)
+@given(x=st.floats(-1.5, 1.5), y=st.floats(-1.5, 1.5), turn=st.floats(-0.3, 0.3))
+def test_branch_and_bound_finds_the_best_of_a_large_window(x: float, y: float, turn: float) -> None:
+    cloud, guess = scan(HERE), HERE + np.array([x, y, turn])
+    points = voxel_filtered(cloud.points, 0.15, 120)
+    found = finished(branch_and_bound(FIELD, points, guess, Window(2.0, 0.35), 0.4))
+    assert found is not None
+    assert np.abs(relative(HERE, found.pose)).max() < 0.1
+    assert abs(score(found.pose, points) - found.score) < 0.2
+
+
 def test_branch_and_bound_is_exhaustive_search_faster() -> None:
     cloud = scan(HERE)
     points = voxel_filtered(cloud.points, 0.3, 60)

@@ -31,6 +31,7 @@ from armadico.mobile.messages import OccupancyGrid
 from armadico.watch.commands import dashboard as command
 from armadico.watch.commands.dashboard_option import Dashboard
 from armadico.watch.dashboard import viewer
+from armadico.watch.screen import has_screen
 from tests.programs import SOON, starter
 from tests.watch.kept import GOTO, NAMESPACE, Kept, ack, ballot, cycle, state
 
@@ -250,6 +251,26 @@ def test_without_the_extra_the_error_names_it(
     monkeypatch.setattr(command, "installed", missing)
     code, error = refusal(capsys)
     assert (code, "armadico[dashboard]" in error) == (1, True)
+
+
+def test_a_port_in_use_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as used:
+        port = used.getsockname()[1]
+        code, error = refusal(capsys, "--headless", f"--port={port}")
+    assert code == 1
+    assert str(port) in error
+    assert "--port 0" in error
+
+
+def test_native_without_a_screen_suggests_the_other_options(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    if has_screen(os.environ):
+        pytest.skip("this system always has a screen")
+    with pytest.raises(viewer.ViewerError, match=r"--native.*--web.*--headless"):
+        viewer.native("rerun+http://127.0.0.1:1/proxy")
 
 
 def test_a_virtual_run_is_recorded_for_rerun(tmp_path: Path) -> None:

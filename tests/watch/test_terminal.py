@@ -103,6 +103,16 @@ def test_killed_a_recorder_loses_no_more_than_the_last_second(
     assert found[-1] >= before - 50  # 50 a second are said
 
 
+def test_a_recording_is_not_written_over(run: Run, tmp_path: Path) -> None:
+    pytest.importorskip("mcap")
+    path = tmp_path / "run.mcap"
+    path.write_text("precious")
+    done = run("record", str(path), "--duration", "1")
+    assert done.returncode == 1
+    assert "exists already" in done.stderr
+    assert path.read_text() == "precious"
+
+
 def test_echo_prints_so_many_messages(run: Run, society: Society) -> None:
     done = run("echo", "encoder/*", "-n", "3", "--json")
     lines = [json.loads(line) for line in done.stdout.splitlines()]

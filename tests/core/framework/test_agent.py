@@ -335,6 +335,17 @@ def test_a_stop_counts_though_its_counter_is_smaller(stage: Alone, driver: Drive
 # What goes round ---------------------------------------------------------------------------------
 
 
+def test_a_new_agent_knows_no_stop_and_restores_none(stage: Alone) -> None:
+    assert stage.cycle(STOPPED) == []
+
+
+def test_handlers_get_what_was_subscribed(stage: Alone, driver: Driver) -> None:
+    trajectory = Trajectory(1, 3, ())
+    stage.give(trajectory)
+    assert driver.received == [trajectory]
+    assert driver.latest(Trajectory) is trajectory
+
+
 def test_it_subscribes_to_what_it_names_and_what_its_social_side_needs() -> None:
     listens = {subscription.message for subscription in subscriptions(Driver)}
     latched = {m.Stop, Origin, Trajectory, m.Tuning}

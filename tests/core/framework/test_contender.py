@@ -135,6 +135,12 @@ def test_each_time_a_new_moment_is_drawn() -> None:
     assert due > stage.now
 
 
+def test_a_contender_without_a_bid_needs_no_wakeup() -> None:
+    stage = contending()
+    stage.contender.bid(stage.at, None, stage.now)
+    assert stage.contender.wakeup is None
+
+
 def test_what_was_bid_before_there_was_nothing_to_bid_is_forgotten() -> None:
     stage = Solo()
     stage.cycle(5)
@@ -383,6 +389,16 @@ def test_a_holder_with_a_known_larger_successor_is_not_compared_with() -> None:
     assert stage.contender.rival is None
 
 
+def test_a_token_that_goes_after_the_silence_is_no_news() -> None:
+    stage = contending()
+    ballot = Ballot(3, 0.6, False, "a-1")
+    for number in (6, 7, 8):
+        stage.cycle(number, largest=ballot, obeyed=ballot, obeyed_cycle=Cycle(1, number))
+        stage.bid(0.3)
+    stage.contender.gone("a-1", stage.now)
+    assert stage.tick() == [], "the owner obeys it all the same"
+
+
 def test_an_ack_of_the_own_tenure_is_no_rival() -> None:
     stage = holding()
     mine = own(stage)
@@ -529,6 +545,20 @@ def test_an_exchange_is_over_when_a_new_epoch_begins(epoch: int) -> None:
     assert [c.action for c in stage.bid(0.9, action=(1.4, 0.0))] == [(1.4, 0.0)]
 
 
+def test_an_exchange_goes_on_over_its_cycles() -> None:
+    stage = Solo(10**15)
+    exchange, rng = EXCHANGES["smooth"], Random(1)
+    stage.contender = Contender(WHEELS, "b-1", stage.clock, exchange, rng)
+    stage.cycle(5)
+    stage.receive("a-1", 5, 0.3, commanded=(0.0, 0.0))
+    (first,) = stage.bid(0.9, action=(1.4, 0.0))
+    stage.cycle(6)
+    (second,) = stage.bid(0.9, action=(1.4, 0.0))
+    assert isinstance(first.action, tuple)
+    assert isinstance(second.action, tuple)
+    assert first.action[0] < second.action[0] < 1.4
+
+
 def careful() -> Solo:
     """It has taken over from one that was about to collide, and was killed."""
     stage = Solo(10**15)
@@ -540,6 +570,12 @@ def careful() -> Solo:
     assert first.action == (0.1, 0.0)
     stage.cycle(6)
     return stage
+
+
+def test_a_careful_holder_does_not_accelerate_again() -> None:
+    stage = careful()
+    (held,) = stage.bid(0.7, action=(0.2, 0.0), inputs=stage.numbered(5))
+    assert held.action == (0.1, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,12 @@ import pytest
 from armadico.core.agent import Agent
 from armadico.core.coordination import (
     COMPARISONS,
+    TRANSITIONS,
     Contender,
+    Event,
     Owner,
     State,
+    Step,
     Verdict,
     beats,
     braked,
@@ -239,6 +242,15 @@ def test_an_absurd_term_is_refused() -> None:
     assert Verdict.IMPLAUSIBLE in {v for _, _, v in society.owner.refused}
 
 
+def test_every_transition_leads_somewhere_else() -> None:
+    for (state, _event), (target, _step) in TRANSITIONS.items():
+        assert state is not target
+    reachable = {target for target, _ in TRANSITIONS.values()}
+    assert reachable == set(State)
+    assert {event for _, event in TRANSITIONS} == set(Event)
+    assert {step for _, step in TRANSITIONS.values()} == set(Step)
+
+
 def test_beats_is_by_margin_or_by_being_critical() -> None:
     ballot = Ballot(1, 0.5, False, "x")
     claim = Claim("wheels", ballot, Cycle(1, 1), 0.5)
@@ -337,6 +349,16 @@ def test_one_huge_term_excludes_no_contender() -> None:
     assert set(society.obeyed_names(since=3.0)) == {"a"}
 
 
+def test_a_contender_with_an_implausible_ballot_adopts_the_owners() -> None:
+    society = Society(bidder("a", lambda now: 0.9 if now > 3.0 else None))
+    society.run(1.0)
+    contender = society.mesh.node("a").agent.kernel.bidding(WHEELS).contender
+    contender.largest = Ballot(3 * JUMP, 1.0, True, "forger-1")
+    society.run(4.0)
+    assert society.obeyed_names(since=3.0)
+    assert contender.largest.term < JUMP
+
+
 def test_a_newcomer_takes_the_owners_word_for_how_far_others_have_counted() -> None:
     society = Society(bidder("a", lambda now: 0.9 if now > 3.0 else None))
     society.run(1.0)
@@ -427,6 +449,15 @@ def test_a_resource_that_is_not_the_robots_is_driven_on_after_a_cycle_that_never
     assert newest is not None
     assert obeyed is not None
     assert newest.number - 2 <= obeyed.number <= newest.number
+
+
+def test_without_a_next_term_no_ballot_is_cast_and_no_agent_fails() -> None:
+    stage = Solo()
+    stage.cycle(4, largest=Ballot(LARGEST_COUNT - JUMP, 0.5, False, "x-1"))
+    stage.contender.largest = Ballot(LARGEST_COUNT, 0.5, False, "x-1")
+    assert stage.bid(1.0) == []
+    assert stage.tick() == []
+    assert stage.contender.state is State.CONTENDING
 
 
 def test_the_end_of_a_tenure_needs_one_of_its_two_messages_only() -> None:

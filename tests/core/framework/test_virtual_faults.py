@@ -16,7 +16,7 @@ from armadico.mesh.link_faults import WHOLE, LinkFaults
 from armadico.mesh.virtual import LEASE, RECONNECT, VirtualMesh
 from armadico.mesh.virtual_network import Clock, Link
 
-from .test_virtual_mesh import Listener, Talker, Word, listening
+from .test_virtual_mesh import Listener, Planner, Talker, Word, listening, status
 
 
 def texts(listener: Listener) -> list[Any]:
@@ -98,6 +98,29 @@ def test_a_cut_with_a_lease_ends_the_connection_the_other_way_too() -> None:
     assert listener.tokens[-1][1] == "-talker"
 
 
+def test_a_cut_without_a_lease_changes_no_token() -> None:
+    mesh, listener = listening(Talker)
+    mesh.run(1.0)
+    mesh.cut(["talker"], ["listener"])
+    mesh.run(5.0)
+    counted = len(listener.seen)
+    mesh.heal(["talker"], ["listener"])
+    mesh.run(5.1)
+    assert [what for _, what in listener.tokens] == ["+talker"]
+    assert len(listener.seen) > counted
+
+
+def test_an_agent_that_starts_during_a_cut_without_a_lease_is_seen_once_it_has_healed() -> None:
+    mesh, listener = listening()
+    mesh.cut(["talker"], ["listener"])
+    mesh.add(Talker(mesh.identity("talker")), admit=False)
+    mesh.run(3.0)
+    assert listener.tokens == []
+    mesh.heal(["talker"], ["listener"])
+    mesh.run(3.1)
+    assert [what for _, what in listener.tokens] == ["+talker"]
+
+
 def test_two_cuts_of_one_way_heal_with_the_last() -> None:
     mesh, listener = listening(Talker)
     mesh.run(1.0)
@@ -156,6 +179,31 @@ def test_a_slow_process_takes_one_thing_after_another() -> None:
     assert [round(b - a, 6) for a, b in pairwise(times)] == [0.05] * 9
 
 
+def test_of_a_state_a_slow_process_takes_only_the_latest() -> None:
+    mesh, listener = listening()
+    mesh.run(0.1)
+    mesh.node("listener").slow_down(0.1)
+    for number in range(1, 30):
+        mesh.publish(status(number))
+        mesh.run(mesh.now + 0.01)
+    mesh.run(2.0)
+    assert 3 <= len(listener.seen) <= 6
+    assert texts(listener)[-1] == 29
+
+
+def test_a_slow_process_publishes_after_its_processing_time() -> None:
+    mesh, listener = listening(Talker)
+    mesh.run(1.0)
+    mesh.node("talker").slow_down(0.2)
+    counted = len(listener.seen)
+    mesh.run(2.0)
+    assert len(listener.seen) - counted == pytest.approx(5, abs=1)
+    mesh.node("talker").slow_down(0.0)
+    counted = len(listener.seen)
+    mesh.run(3.0)
+    assert len(listener.seen) > counted + 70
+
+
 # Clocks -------------------------------------------------------------------------------------------
 
 
@@ -193,6 +241,14 @@ def test_a_clock_that_jumps_wakes_what_it_has_passed() -> None:
 
 
 # Leaving, joining, ports --------------------------------------------------------------------------
+
+
+def test_a_process_that_leaves_in_order_is_gone() -> None:
+    mesh, listener = listening(Planner)
+    mesh.run(1.0)
+    mesh.node("planner").leave()
+    mesh.run(2.0)
+    assert listener.tokens[-1][1] == "-planner"
 
 
 def test_an_old_message_can_arrive_now() -> None:

@@ -119,6 +119,14 @@ def listening(*kinds: type[Agent], seed: int = 1) -> tuple[VirtualMesh, Listener
     return mesh, listener
 
 
+def test_messages_of_one_process_arrive_in_order_and_none_is_lost() -> None:
+    mesh, listener = listening(Talker)
+    mesh.run(5.0)
+    counted = [text for _, text in listener.seen]
+    assert len(counted) > 400
+    assert counted == [str(n) for n in range(1, len(counted) + 1)]
+
+
 def test_a_later_message_never_overtakes_on_a_link_that_was_slow() -> None:
     link = Link(VirtualMesh(3).stream("a link"))
     link.faults = LinkFaults(delay=0.5)
@@ -172,6 +180,14 @@ def test_a_publisher_does_not_receive_its_message_but_its_twin_does() -> None:
     ]
 
 
+def test_watchers_get_every_message_at_once_and_publish_nothing() -> None:
+    mesh, _ = listening(Talker)
+    shown: list[tuple[str, Any]] = []
+    mesh.watch(lambda key, message, now: shown.append((key, now)), Word)
+    mesh.run(0.015)
+    assert shown == [(f"word/{mesh.node('talker').agent.instance}", pytest.approx(0.01))]
+
+
 # Faults ------------------------------------------------------------------------------------------
 
 
@@ -206,6 +222,19 @@ def test_a_hanging_process_gets_only_the_final_tokens_afterwards() -> None:
     mesh.node("listener").resume()
     assert [what for _, what in listener.tokens[1:]] == ["+planner", "-talker"]
     assert planner.alive
+
+
+def test_a_hanging_process_is_woken_after_the_waiting_messages() -> None:
+    mesh, listener = listening(Talker)
+    mesh.run(1.0)
+    talker = mesh.node("talker")
+    counted = len(listener.seen)
+    talker.hang()
+    mesh.run(1.8)
+    assert len(listener.seen) <= counted + 1
+    talker.resume()
+    mesh.run(2.8)
+    assert len(listener.seen) > counted + 80
 
 
 def test_a_killed_process_publishes_nothing_more_and_its_token_disappears() -> None:
@@ -250,6 +279,17 @@ def test_a_cut_is_one_way_and_heals() -> None:
 
 
 # Queries -----------------------------------------------------------------------------------------
+
+
+def test_a_query_is_answered_over_the_network() -> None:
+    mesh = VirtualMesh(1)
+    asker = Asker(mesh.identity("asker"))
+    mesh.add(asker, admit=False)
+    mesh.add(Planner(mesh.identity("planner")), admit=False)
+    mesh.publish(status(1))
+    mesh.run(1.0)
+    assert [plan for _, plan in asker.got] == [Plan((), 1.0)]
+    assert 0.0 < asker.got[0][0] < 0.1
 
 
 def test_a_query_without_receivers_ends_at_once_and_one_to_a_hanging_agent_times_out() -> None:

@@ -14,6 +14,7 @@ from armadico.core.agent import Agent
 from armadico.core.resources import WHEELS
 from armadico.launch.virtual_session import VirtualSession
 from armadico.mesh.presence import GRACE_S
+from armadico.mesh.topology import DEFAULT_NAMESPACE
 from armadico.mesh.virtual import LEASE, LIVELINESS, RECONNECT, Node, VirtualMesh
 from armadico.mobile.messages import Plan, Pose
 
@@ -180,6 +181,39 @@ def test_an_agent_that_has_gone_while_the_router_was_away_is_reported_after_the_
     assert world["goto"].gone() == []
     world.run(RECONNECT[1] - RECONNECT[0] + 2 * SOON)
     assert sorted(world["goto"].gone()) == ["avoid", "robot"]
+
+
+def test_an_agent_that_starts_without_a_router_begins_once_it_comes() -> None:
+    world = World("goto")
+    world.nodes["robot"].kill()
+    world.run(1.0)
+    avoid = world.start("avoid")
+    world.run(2.0)
+    assert avoid.count == 0
+    assert world["goto"].received("avoid") == []
+    world.start("robot")
+    world.run(BACK)
+    since = world.run(BACK)
+    world.run(0.1)
+    assert world["goto"].received("avoid", since)
+    assert avoid.received("goto", since)
+    assert avoid.came(0.0) == {"robot", "goto"}
+
+
+def test_an_agent_that_hangs_while_the_router_restarts_finds_it_afterwards() -> None:
+    world = World("goto", "avoid")
+    world.nodes["goto"].hang()
+    world.run(0.1)
+    world.restart("robot")
+    world.run(0.7)
+    assert world["avoid"].reachable
+    world.nodes["goto"].resume()
+    world.run(BACK)
+    since = world.run(0.1)
+    world.run(GRACE_S)
+    assert world["goto"].reachable
+    assert world["goto"].received("avoid", since)
+    assert world["avoid"].gone() == ["robot"], "it was back in time"
 
 
 # A router that hangs ------------------------------------------------------------------------------
@@ -390,3 +424,15 @@ def test_after_any_faults_everyone_reaches_everyone_and_knows_exactly_the_living
         assert known == {(n, i) for n, i in living.items() if n != name}
         for other in set(NAMES) - {name}:
             assert world[name].received(other, since), f"{name} receives nothing from {other}"
+
+
+def test_a_namespace_without_a_robot_agent_needs_no_router() -> None:
+    mesh = VirtualMesh(1)
+    assert mesh.star.router(DEFAULT_NAMESPACE) is None
+    one, two = (VirtualSession(mesh, name=name) for name in ("one", "two"))
+    got: list[str] = []
+    one.subscribe("encoder/pose", lambda key, _data: got.append(key))
+    two.publish("encoder/pose", POSE)
+    mesh.run(SOON)
+    assert got == ["encoder/pose"]
+    assert one.reachable

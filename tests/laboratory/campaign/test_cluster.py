@@ -7,7 +7,7 @@ import signal
 import socket
 import sys
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,7 +19,7 @@ from msgspec.structs import replace
 from armadico.cli import pool
 from armadico.cli.options import UsageError
 from armadico_tools.campaign import cluster
-from armadico_tools.campaign.cluster import OtherCodeError, identity, run_checked
+from armadico_tools.campaign.cluster import OtherCodeError, differences, identity, run_checked
 from armadico_tools.commands import experiment, faults
 from armadico_tools.series import over
 from tests.programs import SOON, starter
@@ -206,6 +206,28 @@ def test_workers_of_other_versions_are_refused_with_both(
     cluster.check(client(), "--on x")
     with pytest.raises(UsageError, match=expected.replace("+", r"\+")):
         cluster.check(client(**answers), "--on x")
+
+
+def test_a_worker_that_starts_together_with_its_scheduler_is_waited_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    workers: dict[str, Any] = {}
+    found = client(workers=workers)
+    found.wait_for_workers = lambda n, timeout: workers.update({"tcp://w:1": {"nthreads": 1}})
+
+    async def there(_address: str) -> None:
+        return None
+
+    monkeypatch.setattr(cluster, "_scheduler_at", there)
+    monkeypatch.setattr(cluster, "_connected", lambda _to, _given: nullcontext(found))
+    with cluster.dask("127.0.0.1:1", None) as made:
+        assert made is not None
+
+
+def test_an_installed_package_without_a_commit_is_compared_by_its_files() -> None:
+    installed = replace(identity(), commit="none")
+    assert not differences(identity(), installed)
+    assert "source" in differences(identity(), replace(installed, source="0"))
 
 
 def test_a_worker_that_joins_later_with_other_code_runs_nothing() -> None:

@@ -12,7 +12,7 @@ import pytest
 from msgspec import Struct
 
 from armadico.core.config_errors import ConfigError
-from armadico_tools.results import Rows
+from armadico_tools.results import Kept, Rows
 
 SOON = 20.0
 
@@ -92,6 +92,26 @@ def test_another_file_in_the_place_of_a_store_is_refused_and_left_as_it_is(
     with pytest.raises(ConfigError, match=r"rows\.csv:1: .*name, ?number, ?well, ?share"):
         Rows(path, Row).read()
     assert path.read_text() == text
+
+
+def test_a_head_that_was_cut_off_is_written_again(tmp_path: Path) -> None:
+    (tmp_path / "rows.csv").write_text("name,num")
+    rows = Rows(tmp_path / "rows.csv", Row)
+    rows.add(ROWS[0])
+    assert rows.read() == ROWS[:1]
+
+
+def square(of: int) -> int:
+    return of**2
+
+
+def test_a_stored_result_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "found.csv"
+    kept = Kept(path, square, "here")
+    kept.add("3", 9)
+    path.write_text(path.read_text().replace(",9\n", ",{\n"))
+    with pytest.raises(ConfigError, match=r"found\.csv:2: not a result"):
+        Kept(path, square, "here").read(["3"])
 
 
 def test_a_row_that_another_process_is_writing_is_not_taken_for_cut_off(

@@ -186,7 +186,7 @@ def test_a_way_that_leads_far_aside_is_not_in_the_way_until_it_holds() -> None:
 places = st.builds(Point, st.floats(-1.0, 2.0), st.floats(-1.2, 1.2))
 
 
-@settings(max_examples=50)
+@settings(max_examples=100)
 @given(st.lists(places, max_size=8), st.floats(0.0, 0.75), st.floats(-1.0, 1.0))
 def test_whatever_it_wants_is_swept_clear_of_what_it_knows_if_braking_is(
     points: list[Point], speed: float, turning: float
@@ -465,6 +465,14 @@ def test_in_the_danger_zone_it_slows_and_steers_the_obstacle_abeam() -> None:
     assert w == pytest.approx(-min(zones.w_max, zones.turn_gain * (zones.abeam - radians(20))))
     abeam = literal(at(middle, degrees(zones.abeam) - 0.01)).bid
     assert abeam.wanted[1] == pytest.approx(0.0, abs=0.01)
+
+
+def test_in_the_caution_zone_it_only_slows() -> None:
+    zones = Parameters()
+    border = zones.caution.border(0.5)
+    v, w = literal(at(0.9 * border, 5)).bid.wanted
+    assert zones.v_caution < v < zones.v_top
+    assert w == 0.0
 
 
 @pytest.mark.parametrize("distance", [0.25, 0.4, 0.6, 0.9])

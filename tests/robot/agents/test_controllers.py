@@ -63,7 +63,7 @@ def duration(mode: Mode, parameters: Settings) -> float:
     return PERIOD * len(list(drive(Controller(parameters, mode), ORIGIN, [Placed(5, 1)], lag=0.0)))
 
 
-@settings(max_examples=30)
+@settings(max_examples=60)
 @given(start=poses, goal=poses, mode=modes)
 def test_it_parks_within_the_stop_rule_from_any_pose(
     start: Placed, goal: Placed, mode: Mode
@@ -95,7 +95,7 @@ def test_the_faster_set_parks_too(start: Placed, goal: Placed, mode: Mode) -> No
     assert distance(end, goal) <= 0.10
 
 
-@settings(max_examples=30)
+@settings(max_examples=60)
 @given(start=poses, goal=poses, mode=modes)
 def test_it_never_turns_round_and_round(start: Placed, goal: Placed, mode: Mode) -> None:
     poses_on_the_way = [pose for pose, _ in drive(Controller(CHAPTER_5, mode), start, [goal])]
@@ -104,7 +104,7 @@ def test_it_never_turns_round_and_round(start: Placed, goal: Placed, mode: Mode)
     assert max(headings) - min(headings) < 2.5 * math.pi
 
 
-@settings(max_examples=30)
+@settings(max_examples=60)
 @given(bearing=st.floats(-math.pi, math.pi), away=st.floats(0.05, 0.8), speed=st.floats(0.0, 0.75))
 def test_it_does_not_orbit_a_near_goal_that_it_meets_at_speed(
     bearing: float, away: float, speed: float
@@ -139,6 +139,15 @@ def test_fast_is_faster_than_collaborative_and_that_than_precise() -> None:
         times = [duration(m, parameters) for m in (Mode.FAST, Mode.COLLABORATIVE, Mode.PRECISE)]
         assert times == sorted(times)
         assert times[1] < 0.7 * times[2]
+
+
+def test_scenario_1_takes_fast_what_it_took_in_the_thesis() -> None:
+    """The one number that the settings are calibrated on: 14.28 s in table 5.1."""
+    assert duration(Mode.FAST, CHAPTER_5) == pytest.approx(14.28, abs=0.5)
+
+
+def test_figure_4_16_takes_fast_five_seconds_with_the_faster_set() -> None:
+    assert duration(Mode.FAST, CHAPTER_4) == pytest.approx(5.0, abs=0.5)
 
 
 def test_a_waypoint_on_the_straight_costs_no_speed() -> None:

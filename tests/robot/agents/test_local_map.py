@@ -163,6 +163,31 @@ def test_by_the_thesis_a_ping_clears_the_cells_that_it_passes_through() -> None:
         assert any(math.dist(p[:2], beside) < 0.01 for p in default.points())
 
 
+def test_by_the_thesis_a_ping_clears_neither_behind_its_echo_nor_in_another_sector() -> None:
+    behind, aside = (1.5, 0.25), (0.8, 0.4)
+    local = by_the_thesis(behind, aside)
+    for _ in range(3):
+        local.update([RING[3]._replace(range=0.9)])
+    for point in (behind, aside):
+        assert any(math.dist(p[:2], point) < 0.01 for p in local.points())
+
+
+def test_by_the_thesis_a_ping_clears_from_any_side() -> None:
+    local = by_the_thesis((1.0, 0.0))
+    for _ in range(9):
+        local.update([Ping(1.0, -0.5, math.pi / 2, None)])
+    assert local.points() == ()
+
+
+def test_by_the_thesis_cells_that_a_sonar_faces_fade_sooner() -> None:
+    ahead, behind = by_the_thesis((1.0, 0.2)), by_the_thesis((1.0, 0.2))
+    behind.move(HALF)
+    for local in (ahead, behind):
+        for _ in range(10):
+            local.move(STILL)
+    assert (len(ahead.points()), len(behind.points())) == (0, 1)
+
+
 def test_by_the_thesis_a_cell_holds_one_point() -> None:
     wall, end = (-0.04, 0.35), (0.07, 0.42)
     assert cell_at(*wall, 0.25) == cell_at(*end, 0.25)

@@ -97,6 +97,31 @@ def test_head_on_both_stop_and_both_are_to_blame() -> None:
     assert one.plant.touches.collisions == other.plant.touches.collisions == 1
 
 
+def test_momentum_goes_over_when_one_hits_another() -> None:
+    one, other = Driven((-0.45, 0.0, 0.0), v=0.6), Driven((0.0, 0.0, 0.0), v=None)
+    one.plant._dynamics.v = 0.6
+    arena = together(one, other)
+    before = one.plant._dynamics.inertia()[0] * 0.6
+    momentum = 0.0
+    for k in range(1, 20):
+        arena.advance(k * STEP_S)
+        if other.plant.speeds[0] > 0.05:
+            momentum = sum(r.plant._dynamics.inertia()[0] * r.plant.speeds[0] for r in (one, other))
+            break
+    # Brakes, friction and what is left of the gap take their share within the step.
+    assert 0.5 * before < momentum < before
+    arena.advance(0.2)
+    paces = [robot.plant.speeds[0] for robot in (one, other)]
+    assert paces[1] > 0.0
+    assert paces[0] == pytest.approx(paces[1], abs=0.02), "from then on as one"
+
+
+def test_one_that_is_hit_off_its_middle_is_turned() -> None:
+    one, other = Driven((0.0, -1.0, pi / 2), v=0.4), Driven((0.15, 0.0, 0.0), v=None)
+    run(together(one, other), (one, other), 5.0)
+    assert abs(other.plant.pose[2]) > 0.1
+
+
 def test_one_by_a_wall_is_pushed_no_farther_than_the_wall() -> None:
     one, other = Driven((0.0, 0.0, 0.0), v=0.4), Driven((4.0 - FRONT - 0.1, 0.0, 0.0), v=None)
     least = run(together(one, other), (one, other), 14.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, hypot, radians, sin
+from math import cos, hypot, inf, radians, sin
 from random import Random
 
 import pytest
@@ -41,6 +41,13 @@ def test_clearance_is_to_the_round_edge() -> None:
         assert found == pytest.approx(max(apart, 0.0), abs=1.1e-4)
 
 
+def test_a_far_column_is_found_too_and_none_is_infinitely_far() -> None:
+    box = Box(0.0, 0.2, 0.15)
+    assert walls_of([(20.0, 0.0, 0.5)]).clearance((0.0, 0.0, 0.0), box) == pytest.approx(19.3)
+    assert walls_of([]).clearance((0.0, 0.0, 0.0), box) == inf
+    assert walls_of([(3.0, 4.0, 1.0)]).distance(0.0, 0.0) == pytest.approx(4.0)
+
+
 @pytest.mark.parametrize("aside", [0.0, 0.1, 0.2])
 def test_a_column_is_touched_where_it_is_and_counted_once(aside: float) -> None:
     robot = among([(1.0, aside, 0.075)])
@@ -53,6 +60,14 @@ def test_a_column_is_touched_where_it_is_and_counted_once(aside: float) -> None:
     front = robot.pose[0] + box_of(PROFILE).ahead + box_of(PROFILE).half_length
     over = max(aside - PROFILE.body.width_m / 2, 0.0)
     assert front == pytest.approx(1.0 - (0.075**2 - over**2) ** 0.5, abs=0.01)
+
+
+def test_past_a_column_nothing_is_touched() -> None:
+    robot = among([(1.0, PROFILE.body.width_m / 2 + 0.085, 0.075)])
+    for _ in range(800):
+        robot.step(4.0, 4.0)
+    assert robot.touches.collisions == 0
+    assert robot.pose[0] > 1.5
 
 
 def test_an_echo_of_a_column_is_of_its_nearest_edge() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from math import cos, hypot, inf, pi, radians, sin, sqrt, tau
 from random import Random
 
@@ -87,6 +88,19 @@ def test_what_is_beyond_its_reach_is_not_there_and_what_is_too_near_has_no_range
     assert ranges[180] == inf
 
 
+def test_no_ray_slips_through_where_walls_meet() -> None:
+    corners = [(cos(k * tau / 7), sin(k * tau / 7)) for k in range(8)]
+    walls = [(*a, *b) for a, b in itertools.pairwise(corners)]
+    ranges = lasers(replace(AROUND, rays=1441, angle_max_deg=360.0), walls)[0].scan(AT)
+    assert ranges.max() <= 1.0 + 1e-9
+
+
+def test_a_wall_that_is_met_edge_on_is_seen_at_its_end() -> None:
+    ranges = lasers(AROUND, [(2.0, 0.0, 3.0, 0.0)])[0].scan(AT)
+    assert ranges[0] == pytest.approx(2.0)
+    assert np.isinf(ranges[1:]).all()
+
+
 def test_a_moving_obstacle_is_seen_and_hides_what_is_behind() -> None:
     seen, world = lasers(AROUND, [(3.0, -3.0, 3.0, 3.0)])
     assert seen.scan(AT)[0] == pytest.approx(3.0)
@@ -140,6 +154,10 @@ def test_rays_are_lost_at_the_rate_of_the_sensors() -> None:
     ranges = lasers(AROUND, [], [(0.0, 5.0, 4.9)], sensors)[0]
     seen = np.concatenate([ranges.scan((0.0, 0.0, pi / 2))[:20] for _ in range(50)])
     assert np.isinf(seen).mean() == pytest.approx(0.1, abs=0.03)
+
+
+def test_nothing_at_all_is_seen_in_an_empty_world() -> None:
+    assert np.isinf(lasers(FRONT, [])[0].scan(AT)).all()
 
 
 @pytest.mark.parametrize("laser", [FRONT, replace(FRONT, upside_down=True), AROUND])

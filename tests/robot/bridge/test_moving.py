@@ -98,6 +98,21 @@ def spin(w: float) -> Moves:
     return lambda _v, turn: (-4.0 * (w - turn) - 6.0 * w, 4.0 * (w - turn) + 6.0 * w)
 
 
+def test_a_person_who_walks_faster_into_a_turning_robot_is_to_blame() -> None:
+    for seed in range(1, 6):
+        robot = plant(walker(1.0, 0.2, heeds=False, speed=1.2), walls=PEN, seed=seed)
+        robot.run(round(20.0 / robot.step_s), spin(0.3))
+        assert robot.touches.bumps > 0
+        assert robot.touches.collisions == 0
+
+
+def test_a_robot_that_is_faster_than_the_person_is_to_blame() -> None:
+    aisle: list[Wall] = [(-1, -0.4, 6, -0.4), (6, -0.4, 6, 0.4), (6, 0.4, -1, 0.4)]
+    robot = plant(walker(5.0, 0.0, heeds=False, speed=0.2), walls=aisle)
+    wait(robot, 10.0, 8.0)
+    assert robot.touches.collisions > 0
+
+
 def test_a_person_who_has_walked_into_the_robot_steps_aside() -> None:
     robot = plant(walker(1.0, 0.0, heeds=False), walls=ROOM)
     while not robot.touches.bumps:
@@ -105,6 +120,33 @@ def test_a_person_who_has_walked_into_the_robot_steps_aside() -> None:
     wait(robot, 2.0)
     assert robot.clearance() > HEED_M
     assert robot.touches.bumps == 1
+
+
+def test_a_person_who_sees_the_robot_come_steps_aside() -> None:
+    touched = 0
+    for seed in range(1, 11):
+        robot = plant(walker(2.5, 0.1), walls=[], seed=seed)
+        wait(robot, 8.0, 6.0)
+        assert robot.pose[0] > 3.0 or robot.touches.collisions
+        touched += robot.touches.collisions
+    assert touched == 0
+
+
+@pytest.mark.parametrize(
+    ("comes", "goes", "his"),
+    [(0.0, 0.02, True), (0.02, 0.02, True), (0.1, 0.1, False), (-0.2, 0.2, False)],
+    ids=["it stands", "it hardly turns", "it turns into him", "it goes away along him"],
+)
+def test_a_person_who_walks_along_a_standing_robot_touches_it(
+    comes: float, goes: float, his: bool
+) -> None:
+    robot = plant(walker(1.0, 0.0, heeds=False))
+    movement = robot._movement
+    assert movement is not None
+    someone = movement._people[0]
+    someone._vx, someone._vy = 0.0, 0.7  # square to the way between them
+    there = Gap(0.25, 1.0, 0.0, 1.0, 0.0, comes, goes, 0.45, 0.0, 0.0)
+    assert someone.walks_into(lambda _x, _y: there) == his
 
 
 def test_a_robot_pushes_to_where_it_does_not_go() -> None:
@@ -187,6 +229,22 @@ def test_nothing_appears_where_a_person_stands(moving: Moving) -> None:
     assert not robot._movement._things[0].there  # type: ignore[union-attr]
     wait(robot, 8.0)
     assert dist(begun, person(robot)) > 0.5, "the person has walked away"
+
+
+def test_a_door_closes_beside_a_person() -> None:
+    robot = plant(Moving(kind="door", wall=(1.0, 0.5, 1.0, 1.5)), walker(-0.5, 1.0))
+    wait(robot, 0.1)
+    assert robot._movement._things[0].there  # type: ignore[union-attr]
+
+
+def test_people_stop_at_a_door_that_is_shut() -> None:
+    nook: list[Wall] = [(0, 2, 2, 2), (0, 2, 0, 4), (0, 4, 2, 4)]
+    robot = plant(Moving(kind="door", wall=(2, 2, 2, 4)), walker(1.0, 3.0), walls=nook)
+    for _ in range(300):
+        wait(robot, 0.1)
+        x, y = person(robot)
+        assert 0.25 <= x <= 1.75
+        assert 2.25 <= y <= 3.75
 
 
 def test_what_moves_comes_from_the_seed_and_steps_in_one_go_are_those_one_by_one() -> None:

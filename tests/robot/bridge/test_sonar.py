@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, pi, radians, sin, tan
+from math import cos, hypot, inf, pi, radians, sin, tan
 from random import Random
 from statistics import fmean, stdev
 
@@ -49,7 +49,7 @@ def facing(bearing_deg: float, distance: float, tilt_deg: float = 0.0, half: flo
     return (x - dx, y - dy, x + dx, y + dy)
 
 
-@pytest.mark.parametrize("index", [0, 3, 6])
+@pytest.mark.parametrize("index", range(8))
 def test_a_wall_square_to_a_sonar_is_at_its_geometric_distance(index: int) -> None:
     pose, distance = (3.0, -2.0, 2.0), 0.5 * (index + 1)
     mount = RING.sonars[index]
@@ -163,6 +163,21 @@ def test_ranges_stay_between_the_sensors_limits() -> None:
     assert ring([]).ping(LEFT, HOME) is None
 
 
+def test_a_wall_behind_the_sensor_is_not_detected() -> None:
+    assert ring([(-3.0, -1.0, 3.0, -1.0)]).ping(LEFT, HOME) is None
+
+
+def test_the_same_seed_repeats_and_another_does_not() -> None:
+    walls = [(-3.0, 1.0, 3.0, 1.0)]
+
+    def pings(seed: int) -> list[float | None]:
+        sonars = ring(walls, IDEAL, seed)
+        return [sonars.ping(k % 8, HOME) for k in range(200)]
+
+    assert pings(3) == pings(3)
+    assert pings(3) != pings(4)
+
+
 def test_another_wall_does_not_shift_the_noise_of_the_others() -> None:
     near, extra = (-3.0, 1.0, 3.0, 1.0), (-3.0, -1.0, 3.0, -1.0)
     alone, both = ring([near], IDEAL), ring([near, extra], IDEAL)
@@ -170,6 +185,12 @@ def test_another_wall_does_not_shift_the_noise_of_the_others() -> None:
         assert alone.ping(LEFT, HOME) == both.ping(LEFT, HOME)
         alone.ping(7, HOME)
         both.ping(7, HOME)
+
+
+def test_walls_far_from_the_start_are_detected_on_arrival() -> None:
+    sonars = ring([(20.0, -1.0, 20.0, 1.0)])
+    assert [sonars.ping(AHEAD, (x, 0.0, 0.0)) for x in (0.0, 10.0)] == [None, None]
+    assert sonars.ping(AHEAD, (18.0, 0.0, 0.0)) == pytest.approx(2.0 - 0.166, rel=0.002)
 
 
 # Smooth walls ------------------------------------------------------------------------------------
@@ -198,7 +219,7 @@ def test_a_smooth_wall_answers_ever_more_seldom_the_more_it_is_tilted() -> None:
     assert share[8:] == [0.0, 0.0]
 
 
-@pytest.mark.parametrize("tilt", [-25, 0, 10])
+@pytest.mark.parametrize("tilt", [-25, -10, 0, 10, 25])
 def test_a_smooth_wall_is_as_far_as_its_foot_wherever_the_sensor_looks(tilt: float) -> None:
     echoes = answers(ring([tilted(tilt, 1.5)], MIRRORS, surfaces=SMOOTH))
     assert echoes
@@ -321,3 +342,14 @@ def test_clearance_is_the_distance_of_the_nearest_point() -> None:
         assert found == pytest.approx(expected, abs=0.002)
         assert (found == 0.0) == (expected < 1e-4) or expected < 0.002
     assert 20 < touching < 280
+
+
+def test_clearance_of_walls_beyond_what_is_near() -> None:
+    world = Walls()
+    assert world.clearance(HOME, BOX) == inf
+    world.add([(30.0, -1.0, 30.0, 1.0)], [ROUGH])
+    assert world.clearance(HOME, BOX) == pytest.approx(30.0 - 0.21)
+    world.add([(0.0, 12.0, 1.0, 12.0), (5.0, 5.0, 5.0, 5.0)], [ROUGH, ROUGH])
+    assert len(world) == 2, "a wall without length is left out"
+    assert world.clearance(HOME, BOX) == pytest.approx(12.0 - 0.165)
+    assert world.clearance((28.0, 0.0, pi), BOX) == pytest.approx(hypot(2.0 - 0.23, 0.0))

@@ -82,6 +82,12 @@ def test_no_motor_gets_more_than_the_supply(approximation: Literal["S", "T"]) ->
         dynamics.step(*voltages)
 
 
+def test_within_the_supply_both_approximations_are_the_same() -> None:
+    assert loops("S").voltages(0.5, 0.5, 0.4, 0.4, STEP_S) == loops("T").voltages(
+        0.5, 0.5, 0.4, 0.4, STEP_S
+    )
+
+
 def test_integrals_do_not_wind_up_against_a_wall() -> None:
     """Five seconds held, then commanded to back off: it pushes back within 2 s."""
     pi = loops()
@@ -89,3 +95,19 @@ def test_integrals_do_not_wind_up_against_a_wall() -> None:
         assert min(pi.voltages(0.5, 0.0, 0.0, 0.0, STEP_S)) >= 0.0
     backing = [pi.voltages(-0.3, 0.0, 0.0, 0.0, STEP_S) for _ in range(400)]
     assert max(backing[-1]) < 0.0
+
+
+def test_commanded_to_stop_at_rest_it_applies_no_voltage() -> None:
+    pi = loops()
+    for _ in range(1000):
+        pi.voltages(0.5, 0.0, 0.0, 0.0, STEP_S)
+    assert pi.voltages(0.0, 0.0, 0.0, 0.0, STEP_S) == (0.0, 0.0)
+
+
+def test_reset_forgets() -> None:
+    pi = loops()
+    first = pi.voltages(0.5, 0.3, 0.1, 0.1, STEP_S)
+    for _ in range(20):
+        pi.voltages(0.5, 0.3, 0.1, 0.1, STEP_S)
+    pi.reset()
+    assert pi.voltages(0.5, 0.3, 0.1, 0.1, STEP_S) == first

@@ -54,6 +54,14 @@ def connect(line: TcpLine) -> socket.socket:
     return client
 
 
+def test_bytes_cross_both_ways(line: TcpLine) -> None:
+    with connect(line) as client:
+        client.sendall(b"hello")
+        assert read(line) == b"hello"
+        line.write(b"status")
+        assert client.recv(100) == b"status"
+
+
 def test_a_second_client_is_refused_and_the_first_is_not_disturbed(line: TcpLine) -> None:
     with connect(line) as first:
         first.sendall(b"a")
@@ -61,6 +69,17 @@ def test_a_second_client_is_refused_and_the_first_is_not_disturbed(line: TcpLine
         with pytest.raises(ConnectionRefusedError):
             connect(line)
         first.sendall(b"b")
+        assert read(line) == b"b"
+
+
+def test_a_client_that_goes_is_noticed_and_another_may_come(line: TcpLine) -> None:
+    with connect(line) as first:
+        first.sendall(b"a")
+        assert read(line) == b"a"
+    assert read(line) is None
+    assert not line.connected
+    with connect(line) as second:
+        second.sendall(b"b")
         assert read(line) == b"b"
 
 
@@ -142,6 +161,21 @@ def test_it_waits_until_the_robot_has_something_to_say() -> None:
     robot.due = 0.03
     simulated.step()
     assert line.waited == [pytest.approx(0.03)]
+
+
+def test_what_the_client_says_takes_effect_now() -> None:
+    simulated, robot, line, clock = simulation()
+    line.says = [b"forward"]
+    clock.now += 0.25
+    simulated.step()
+    assert robot.heard == [(b"forward", pytest.approx(0.25))]
+
+
+def test_a_client_that_goes_ends_its_session() -> None:
+    simulated, robot, line, _ = simulation()
+    line.says = [None]
+    simulated.step()
+    assert robot.controller.disconnected == 1
 
 
 def test_a_simulator_that_was_held_up_does_not_jump() -> None:

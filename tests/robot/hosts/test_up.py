@@ -72,6 +72,18 @@ def test_a_second_share_of_the_robots_host_finds_its_port_taken(up: Start) -> No
     assert first.poll() is None
 
 
+@pytest.mark.long
+def test_a_second_robot_agent_of_a_machine_names_the_process_of_the_first(up: Start) -> None:
+    first = children(up("robot"))["robot"]
+    second = call("robot", "--host", "robot", program="armadico-agent")
+    assert second.returncode == 2
+    assert f"process {first.pid} is the router of the namespace {NAMESPACE!r} already" in (
+        second.stderr
+    )
+    assert "is open" not in second.stderr, "it did not touch the port"
+    assert first.is_running()
+
+
 def test_a_share_whose_robot_agent_finds_another_ends_and_names_it(
     start: Start, observer: Observer
 ) -> None:
@@ -231,3 +243,20 @@ def test_an_agent_by_hand_counts_as_the_hosts(
     observer.until(lambda: observer.names == {"goto"}, "it is there")
     seen = call("ps", "--host", "lab2")
     assert (seen.returncode, seen.stdout) == (1, "lab2: missing: avoid, gothrough, relocate\n")
+
+
+def test_an_agent_of_another_machine_is_reported(table: Path) -> None:
+    text = table.read_text().replace("127.0.0.22", "192.0.2.77")
+    table.write_text(text)
+    for words, program in ((("up",), "armadico"), (("sonar",), "armadico-agent")):
+        done = call(*words, "--host", "lab1", program=program)
+        assert done.returncode == 2
+        assert "host 'lab1' is not this machine: 192.0.2.77 is no address of its own" in done.stderr
+        assert "this machine is 'robot' or 'lab2' or 'lab3'" in done.stderr
+
+
+def test_the_process_prints_nothing_else_on_standard_output(router: None, up: Start) -> None:
+    process = up("lab1")
+    process.terminate()
+    out, _ = process.communicate(timeout=SOON)
+    assert out == ""

@@ -5,20 +5,29 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from functools import partial
 from itertools import product
 from math import degrees, hypot
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from msgspec.structs import replace
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
+from armadico.config.grid_map import Cells
+from armadico.config.grid_map import message_of as grid_message
+from armadico.config.map_graphs import message_of as graph_message
 from armadico.core import messages as m
 from armadico.mesh.ports import LOOPBACK
+from armadico.mobile.messages import MapGraph
 from armadico.watch.page.guard import PROTOCOL, Guard, subprotocol
 from armadico.watch.page.server import MOST, Server
+from armadico.watch.page.session import TURN_S
 from armadico.watch.teleop.messages import Stick
+from armadico.watch.teleop.teleop import Teleop
 from tests.watch.browser import Browser, executable
 from tests.watch.page.stage import HOME, Served, served
 
@@ -129,6 +138,58 @@ def test_a_place_is_chosen_by_its_name_and_seen_before_the_robot_goes(page: Brow
     page.until(f"{PARTS}.mission.way?.at(-1)?.[0] > 7.3")
 
 
+def inks(browser: Browser, x: float, y: float) -> set[str]:
+    """Which of the colours of loops and of those that are off are near a place of the world."""
+    script = f"""(() => {{
+        const [px, py] = armadico.plan.screen({x}, {y}), scale = devicePixelRatio;
+        const box = [px - 8, py - 8, 16, 16].map((v) => Math.round(v * scale));
+        const {{ data }} = armadico.plan.ctx.getImageData(...box);
+        const {{ good, stop }} = armadico.plan.c;
+        return Object.entries({{ on: good, off: stop }}).filter(([, css]) => {{
+            const ink = css.match(/[0-9a-f]{{2}}/g).map((v) => parseInt(v, 16));
+            const at = Array.from({{ length: data.length / 4 }}, (_, k) => data.slice(4 * k));
+            return at.some((pixel) => ink.every((v, i) => Math.abs(v - pixel[i]) < 60));
+        }}).map(([name]) => name);
+    }})()"""
+    browser.evaluate("new Promise((done) => requestAnimationFrame(() => setTimeout(done)))")
+    return set(browser.evaluate(script))
+
+
+@pytest.mark.long
+def test_loops_of_the_present_map_are_drawn_and_those_switched_off_in_another_colour(
+    chromium: Browser,
+) -> None:
+    stage = Served("sc4", pace=TURN_S)  # a graph is shown for 20 s of the society's time
+    scans = [(5.0, 0.5, 0.0), (6.5, 2.5, 0.0), (5.0, 2.5, 0.0), (6.5, 0.5, 0.0)]
+    on, off = (5.0, 1.5), (6.5, 1.5)  # the middles of two loops
+    graph = graph_message(1, scans, [(0, 2), (1, 3)], [False, True])
+    cells = Cells(0.0, 0.0, 0.5, np.ones((8, 20), dtype=np.uint8))
+
+    def drawn(graph: MapGraph, revision: int) -> tuple[set[str], set[str]]:
+        """The colours of both loops, on a map of a revision."""
+        for message in (grid_message(cells, revision), graph):
+            stage.call(partial(stage.client.publish, message))
+        chromium.until(
+            f"{PARTS}.graph?.revision === {graph.revision} && {PARTS}.slam"
+            f" && {PARTS}.slam.uncertain === '{graph.uncertain}'"
+            f" && armadico.plan.robots.get('{HOME}').grid?.revision === {revision}"
+        )
+        return inks(chromium, *on), inks(chromium, *off)
+
+    chromium.size(*SIZE)
+    with served(stage):
+        open_page(chromium, stage.address)
+        assert drawn(graph, 1) == ({"on"}, {"off"})
+        legend = "document.getElementById('slam').innerText"
+        assert "1 of them switched off" in chromium.evaluate(legend)
+        chromium.evaluate("document.getElementById('graph').click()")
+        assert (inks(chromium, *on), inks(chromium, *off)) == (set(), set())
+        chromium.evaluate("document.getElementById('graph').click()")
+        assert drawn(graph, 2) == (set(), set())  # the map has moved on, and the graph is late
+        assert drawn(replace(graph, revision=2, uncertain="so it is"), 2) == ({"on"}, {"off"})
+        assert "so it is" in chromium.evaluate(legend)
+
+
 @pytest.mark.long
 def test_with_the_keyboard_alone(page: Browser) -> None:
     page.evaluate("document.getElementById('map').focus()")
@@ -228,6 +289,26 @@ def test_a_key_a_finger_and_a_gamepad_hold_and_release_the_stick(
         stage.call(lambda: None)
     assert not found[-1].held
     page.key("w", "KeyW", "keyUp")
+
+
+@pytest.mark.long
+def test_a_key_drives_and_the_robot_rests_when_it_is_released(chromium: Browser) -> None:
+    stage = Served("sc4", pace=TURN_S)  # a delayed stick is stale
+    stage.run.add(Teleop)
+    chromium.size(*SIZE)
+    with served(stage):
+        open_page(chromium, stage.address)
+        chromium.evaluate("document.getElementById('tab-hand').click()")
+        chromium.evaluate("document.getElementById('pad').focus()")
+        chromium.until(f"{PARTS}.hand.there")
+        chromium.key("w", "KeyW", "keyDown")
+        chromium.until("document.getElementById('handtext').innerText.startsWith('You drive')")
+        chromium.until(f"{PARTS}.wheels.obeyed === 'teleop' && {PARTS}.motion.v > 0.2")
+        chromium.key("w", "KeyW", "keyUp")
+        chromium.until(f"{PARTS}.hand.hand === '' && {PARTS}.motion.v === 0")
+        assert chromium.evaluate("document.getElementById('handtext').innerText") == "Free."
+    assert chromium.received("Runtime.exceptionThrown") == []
+    chromium.open("about:blank")
 
 
 @pytest.mark.long

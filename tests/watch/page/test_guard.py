@@ -10,6 +10,8 @@ from armadico.watch.page.guard import (
     GuardError,
     bearer,
     is_loopback,
+    subprotocol,
+    token_in,
 )
 
 TOKEN = "correct horse battery staple"
@@ -33,6 +35,12 @@ def test_other_names_are_refused_as_host(host: str) -> None:
     assert host in refusal.why
 
 
+def test_without_a_host_it_is_refused() -> None:
+    refusal = HERE.refusal(None, None)
+    assert refusal is not None
+    assert refusal.status == 403
+
+
 def test_configured_names_are_allowed_as_host() -> None:
     assert OPEN.refusal("lab:8090", "http://lab:8090") is None
     assert OPEN.refusal("LAB.local:8090", "https://lab.local:8090") is None
@@ -54,6 +62,11 @@ def test_a_page_of_another_server_is_refused(
     assert refusal.status == 403
 
 
+def test_on_loopback_no_token_is_needed() -> None:
+    assert HERE.admit(None) is None
+    assert HERE.may(None)
+
+
 @pytest.mark.parametrize("given", [None, ""])
 def test_without_a_token_a_browser_may_look_and_no_more(given: str | None) -> None:
     assert OPEN.admit(given) is None
@@ -64,6 +77,16 @@ def test_a_society_with_keys_needs_a_token_on_loopback_too() -> None:
     with pytest.raises(GuardError, match="keys"):
         Guard.of(LOOPBACK, None, closed=True)
     assert not Guard.of(LOOPBACK, TOKEN, closed=True).may(None)
+
+
+def test_a_wrong_token_is_refused_and_the_right_one_is_not() -> None:
+    for wrong in (TOKEN[:-1], "ünbekannt"):
+        refusal = OPEN.admit(wrong)
+        assert refusal is not None
+        assert refusal.status == 401
+        assert not OPEN.may(wrong)
+    assert OPEN.admit(TOKEN) is None
+    assert OPEN.may(TOKEN)
 
 
 @pytest.mark.parametrize("given", ["\udcff" * len(TOKEN), "\ud800", TOKEN + "\udc80"])
@@ -83,6 +106,12 @@ def test_another_address_than_loopback_needs_a_token(address: str) -> None:
 def test_short_tokens_and_tokens_that_are_not_ascii_are_refused(token: str, named: str) -> None:
     with pytest.raises(GuardError, match=named):
         Guard.of(LOOPBACK, token)
+
+
+def test_a_token_as_subprotocol() -> None:
+    assert token_in(["armadico.page", subprotocol(TOKEN)]) == TOKEN
+    assert token_in(["armadico.page"]) is None
+    assert not OPEN.may(token_in(["token.%%%"]))
 
 
 @pytest.mark.parametrize(

@@ -128,7 +128,9 @@ def test_the_headers_forbid_foreign_scripts_and_frames(place: Place) -> None:
     assert headers["X-Content-Type-Options"] == "nosniff"
 
 
-@pytest.mark.parametrize("path", ["/../server.py", "/%2e%2e/server.py", "/nowhere"])
+@pytest.mark.parametrize(
+    "path", ["/../server.py", "/%2e%2e/server.py", "/web/index.html", "/app.js/", "//", "/nowhere"]
+)
 def test_other_paths_are_not_found(place: Place, path: str) -> None:
     assert place.get(path)[0] == 404
 
@@ -136,7 +138,7 @@ def test_other_paths_are_not_found(place: Place, path: str) -> None:
 # Access -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("path", ["/", "/socket"])
+@pytest.mark.parametrize("path", ["/", "/app.js", "/allowed", "/socket"])
 def test_under_another_host_name_nothing_is_served(place: Place, path: str) -> None:
     status, why, _ = place.get(path, Host="evil.example")
     assert (status, b"evil.example" in why) == (403, True)
@@ -176,6 +178,12 @@ def test_with_the_token_it_opens_and_the_token_is_not_repeated(locked: Place) ->
     assert opened.subprotocol == PROTOCOL
     assert json.loads(opened.recv(SOON))["type"] == "hello"
     assert locked.desk.may == [True]
+
+
+def test_a_page_of_another_server_is_refused_even_with_the_token(locked: Place) -> None:
+    with pytest.raises(InvalidStatus) as refused:
+        locked.open("http://evil.example", subprotocol(TOKEN))
+    assert refused.value.response.status_code == 403
 
 
 def _hello(opened: ClientConnection) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import cycle
 from math import hypot, inf, nan
 from pathlib import Path
 from random import Random
@@ -15,6 +16,7 @@ from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
 from armadico.core.messages import LABEL, Log
 from armadico.mobile.messages import MissionState
+from armadico.watch.assistant.messages import AssistantReply, AssistantRequest
 from armadico.watch.assistant.policy.ledger import check, lines_of
 from armadico.watch.assistant.policy.messages import Approvals, Choice
 from armadico.watch.assistant.policy.policy import BY_SONARS, load, read
@@ -105,6 +107,36 @@ def test_a_hundred_calls_do_not_leave_the_policy(seed: int, tmp_path: Path) -> N
         elif not busy and not reply.refusal:
             assert reply.text
     assert not check(lines_of(tmp_path / "requests.jsonl")).fault
+
+
+def test_ten_thousand_requests_a_minute(tmp_path: Path) -> None:
+    house, rng = House(ROOMS, tmp_path), Random(7)
+    kinds, replies = cycle(["goto", "goto", "goto", "mission", "cancel", "drive"]), []
+    end = house.mesh.now + 15.0
+
+    def ask(*_: object) -> None:
+        if house.mesh.now >= end:
+            return
+        house.mesh.call_at(house.mesh.now + 0.006, ask)
+        tool = next(kinds)
+        text = json.dumps({"x": rng.uniform(-1, 15), "y": rng.uniform(-1, 11)})
+        request = AssistantRequest(tool, text if tool == "goto" else "{}", rng.choice("abc"))
+        house.mesh.query(request, replies.append)
+
+    ask()
+    house.let_pass(25.0)
+    assert len(replies) >= 2_450
+    assert all(isinstance(reply, AssistantReply) for reply in replies)
+    assert all(bool(reply.text) != bool(reply.refusal) for reply in replies)
+    too_many = [reply for reply in replies if "too many requests" in reply.refusal]
+    own = [reply for reply in replies if reply.text.startswith("it is cancelled")]  # at any rate
+    assert len(replies) - len(too_many) - len(own) <= 20 + 2 * 15 + 1
+    never_left(house, ROOMS)
+    entries = [json.loads(line) for line in lines_of(tmp_path / "requests.jsonl")]
+    left_out = sum(
+        int(e["why"].split("; ")[-1].split()[0]) for e in entries if " more before" in e["why"]
+    )
+    assert left_out > 0.95 * len(too_many), "what was not recorded was counted"
 
 
 HOLES = """

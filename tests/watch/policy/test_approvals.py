@@ -162,6 +162,16 @@ def test_a_no_is_told_with_who_said_it(tmp_path: Path) -> None:
     assert not desk.queries
 
 
+def test_of_two_answers_the_first_counts(tmp_path: Path) -> None:
+    desk = Desk(tmp_path)
+    waits = desk.ask()
+    code = desk.code()
+    desk.answer(code, Choice.NO, "bob")
+    assert "denied by bob" in desk.answer(code, Choice.YES, "ann").refusal
+    assert "denied by bob" in desk.poll(waits.approval).refusal
+    assert not desk.queries
+
+
 def test_an_answer_after_two_minutes_does_nothing(tmp_path: Path) -> None:
     desk = Desk(tmp_path)
     waits = desk.ask()
@@ -464,3 +474,11 @@ def test_the_server_of_programs_has_no_right_to_answer() -> None:
     """With keys its rights are these."""
     assert ApprovalAnswer not in MCP.queries
     assert not MCP.commands
+
+
+def test_people_are_told_how_to_answer(tmp_path: Path) -> None:
+    desk = Desk(tmp_path)
+    desk.ask()
+    code = desk.code()
+    (line,) = [each.text for each in desk.published if isinstance(each, Log)]
+    assert f"armadico approve yes {code}" in line

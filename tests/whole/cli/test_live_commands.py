@@ -368,6 +368,17 @@ def test_a_goal_of_which_nothing_more_is_received_is_unknown_and_stands(
 
 
 @pytest.mark.long
+def test_a_mission_that_is_refused_says_why(run: Run, start: Start, router: ZenohMesh) -> None:
+    start("interface", program="armadico-agent")
+    who(run, "interface")
+    done = run("goto", "1", "2", "90", "--direct")
+    assert done.returncode == 1
+    assert "refused" in done.stderr
+    assert "encoder/pose" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.long
 def test_missions_of_a_society_that_is_up_are_shown_and_cancelled(
     run: Run, start: Start, router: ZenohMesh
 ) -> None:

@@ -5,25 +5,39 @@ from __future__ import annotations
 import json
 import os
 import re
+import signal
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+import armadico
 from armadico.cli.options import UNKNOWN
-from armadico.core.messages import Ack
+from armadico.core.membership import agent_of
+from armadico.core.messages import Ack, Proposal
 from armadico.launch.client import Client
 from armadico.mesh.ports import free_port
+from armadico.mesh.sockets import RUNTIME_VARIABLE
 from armadico.observe.view import driver
 from tests.programs import Start, call, starter
 from tests.robot.hosts.conftest import wait_for_line
+from tests.runtime_folder import fresh_folder
 from tests.whole.live.test_fleet import SCENARIO
 
 pytestmark = [pytest.mark.live, pytest.mark.long, pytest.mark.timeout(240)]
 
 SOON_S = 40.0  # a deadline, not an expectation
 
+TWO_COMPUTERS = """\
+keys = "keys"
+[lab1]
+router = "tcp/127.0.0.1:{port}"
+agents = ["robot", "encoder", "sonar", "path-planning", "interface", "goto", "auction"]
+[lab2]
+address = "127.0.0.2"
+agents = ["avoid"]
+"""
 
 OF_A_FLEET = """\
 keys = "keys"
@@ -59,6 +73,44 @@ def refusals(folder: Path) -> dict[str, list[str]]:
         for name, text in logs.items()
     }
     return {name: lines for name, lines in found.items() if lines}
+
+
+def test_an_arbiter_awards_to_two_computers_and_is_followed_when_it_is_killed(
+    start: Start, tmp_path: Path
+) -> None:
+    table = tmp_path / "lab.toml"
+    table.write_text(TWO_COMPUTERS.format(port=free_port("127.0.0.1")), encoding="utf-8")
+    elsewhere = tmp_path / "lab2" / "lab.toml"
+    does("keys", "init", "--hosts", str(table), "--host", "lab1")
+    keys2 = str(elsewhere.parent / "keys")
+    does("keys", "host", "lab2", "--hosts", str(table), "--out", keys2)
+    elsewhere.write_text(table.read_text(encoding="utf-8"), encoding="utf-8")
+    by = ("--coordination", "auction")
+    env = {**os.environ, RUNTIME_VARIABLE: fresh_folder()}
+    with starter(env=env) as start_elsewhere:
+        wait_for_line(start("up", "sc1", "--hosts", str(table), "--host", "lab1", *by), "is up")
+        there = ("up", "sc1", "--hosts", str(elsewhere), "--host", "lab2", *by)
+        wait_for_line(start_elsewhere(*there), "is up")
+        with armadico.connect() as guest:
+            proposing: set[str] = set()
+            guest.listen(Proposal, then=lambda p, _: proposing.add(agent_of(p.instance)))
+            guest.listen(Ack)
+            going = start("goto", "4.0", "0.0", "--timeout", "90")
+            assert guest.wait_for(lambda: drives(guest) and proposing == {"goto", "avoid"}, SOON_S)
+            killed = drives(guest)
+            assert agent_of(killed) == "auction"
+            card = guest.card("auction", killed)
+            assert card is not None
+            os.kill(card.pid, signal.SIGKILL)
+            assert guest.wait_for(lambda: drives(guest) not in ("", killed), SOON_S)
+            assert agent_of(drives(guest)) == "auction"
+        _, errors = going.communicate(timeout=100.0)
+        assert going.returncode == 0, errors
+        said = call("doctor").stdout
+        assert "The mechanism auction decides who drives" in said
+        assert "HELD" not in said, "who was killed can release nothing"
+        assert not refusals(tmp_path)
+        does("down")
 
 
 def drives(guest: Client) -> str:
