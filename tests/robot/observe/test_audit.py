@@ -658,7 +658,7 @@ def falls_silent(drive: Drive, *instances: str) -> None:
     drive.go(1)
     for term, instance in enumerate(instances or [GOTO] * 3, start=2):
         ballot, now = Ballot(term, 0.6, False, instance), 20 * term
-        for number in (now, now + 9):
+        for number in range(now, now + 10):
             drive.say(Ack("wheels", Cycle(1, number), ballot, ballot, Cycle(1, now)))
 
 
@@ -750,6 +750,19 @@ def test_what_looks_similar_is_no_finding(story: Story) -> None:
     assert drive.found == []
 
 
+def test_what_a_single_reading_showed_is_a_reason_to_be_slow_for_as_long_as_it_is_known() -> None:
+    """A false echo, which no other reading looks through once the robot stands before it."""
+    once = Drive().go(3)
+    once.say(Sonar(Cycle(1, once.number), 5.0, (echo(0.1),)))
+    once.go(2, v=0.0, admitted=0.0, capped="an obstacle is in the way")
+    once.go(3, ordered=0.1, admitted=0.1, capped="")
+    assert Promise.SPEED not in {promise for promise, _ in once.found}
+    once.go(10)
+    assert (Promise.SPEED, "goto") in once.found
+    caps = Drive().go(3).go(2, v=0.0, admitted=0.0, capped="an obstacle is in the way")
+    assert (Promise.SPEED, "robot") in caps.found
+
+
 def test_an_agent_may_drive_without_a_mission() -> None:
     drive = Drive(mission=0)
     drive.end(MissionState.NONE)
@@ -803,8 +816,8 @@ def test_an_echo_from_the_edge_of_a_sonars_cone_lies_on_the_wall() -> None:
         drive = Drive(Auditor([Fits]))
         drive.say(replace(ROBOT, cone=cone))
         drive.auditor.chart([WALL])
-        sonar = Sonar(Cycle(1, 1), 5.0, (echo(far, bearing),))
-        return drive.go(20, says=lambda _: (sonar,)).found
+        echoes = (echo(far, bearing),)
+        return drive.go(20, says=lambda d: (Sonar(Cycle(1, d.number), 5.0, echoes),)).found
 
     assert found(0.0) == [(Promise.SENSORS, "sonar")]
     assert found(2.0 * half) == []
