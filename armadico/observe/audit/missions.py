@@ -162,7 +162,7 @@ def _by(pose: Pose, off: tuple[float, float]) -> str:
 class Visits(Rule):
     """A step of a mission that is done in a place of the map is done only if the robot was there.
 
-    By the truth, else as far as the pose knows.
+    By the truth, else by the pose and the readings, as in `Reached`.
     """
 
     promise = Promise.REACHED
@@ -201,6 +201,10 @@ class Visits(Rule):
         if off > may and now.excuse(Excuse.DISTURBED) is None:
             what = f"{step.step} is done, and the robot was not there"
             yield self.found(now, "mission-planning", what, f"{off:.1f} m away, or more")
+        proven = off > may or now.truth is not None or now.accuses
+        if not proven and (why := unproven(now, LATELY_S)):
+            what = f"{step.step} is done, as far as the pose knows: {why}"
+            yield self.found(now, "localization", what, answer=Answer.UNKNOWN)
 
 
 def _away(world: World | None, place: str) -> Callable[[float, float], float] | None:
