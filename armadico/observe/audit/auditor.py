@@ -36,39 +36,10 @@ from armadico.observe.audit.walls import Compared
 from armadico.observe.pauses import Pauses
 
 RULES: Final[tuple[type[Rule], ...]] = (
-    *(
-        Touched,
-        Arrives,
-        Ends,
-        Reached,
-        Visits,
-        Failed,
-        Refuses,
-        Waits,
-        Found,
-        Doubts,
-        Leads,
-        Clears,
-    ),
-    *(Stands, Honest, Earned, Reflexes, Steady, Speed, Brakes, Turns),
-    *(
-        OneDriver,
-        Fresh,
-        Ordered,
-        Held,
-        Stopped,
-        Heading,
-        Scaled,
-        Rated,
-        Moves,
-        Claims,
-        Changes,
-        Renewed,
-        Fits,
-        Sees,
-        Compared,
-        Shown,
-    ),
+    *(Touched, Arrives, Ends, Reached, Visits, Failed, Refuses, Waits, Found, Doubts),
+    *(Leads, Clears, Stands, Honest, Earned, Reflexes, Steady, Speed, Brakes, Turns),
+    *(OneDriver, Fresh, Ordered, Held, Stopped, Heading, Scaled, Rated, Moves, Claims),
+    *(Changes, Renewed, Fits, Sees, Compared, Shown),
 )
 
 EachCycle = RobotState | Ack | Pose | Sonar | Scan | Obstacles

@@ -24,11 +24,8 @@ from armadico.mobile.route import Route
 from armadico.mobile.scans import Floats, points_of
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import AGAIN_S, Rule
-from armadico.observe.audit.scene import Scene
+from armadico.observe.audit.scene import RESTS_M_S, Scene
 from armadico.observe.audit.sensed import REMEMBERS_S
-
-RESTS_M_S, RESTS_RAD_S = 0.02, 0.05
-"""Slower than this, it stands; it is above the noise of encoders at rest."""
 
 STANDS_S: Final = 15.0
 """Standing on a free path for this time, s, needs a reason."""
@@ -135,23 +132,21 @@ class Stands(Rule):
 
     def __init__(self) -> None:
         super().__init__()
-        self._stood_s, self._last_at = 0.0, -inf
+        self._stood_s = 0.0
         self._holders: Counter[str] = Counter()
 
-    def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
-        moves = abs(state.v) > RESTS_M_S or abs(state.w) > RESTS_RAD_S
+    def on_robot_state(self, _: RobotState, now: Scene) -> Iterator[Finding]:
         self.checked = self.checked or now.driving
-        dt, self._last_at = min(now.now - self._last_at, 3.0 * PERIOD), now.now
-        if moves or not now.driving or now.excuse(*STANDING) is not None:
+        if not now.rests or not now.driving or now.excuse(*STANDING) is not None:
             self._stood_s = 0.0
             self._holders.clear()
             return
         if now.excuse(Excuse.DISTURBED) is not None:
             return  # a disturbance postpones what is due; while it stands, it forgives nothing
-        self._stood_s += dt
+        self._stood_s += min(now.state_gap_s, 3.0 * PERIOD)
         self._holders[now.who] += 1
         if self._stood_s > STANDS_S:
-            who, _ = self._holders.most_common(1)[0]
+            ((who, _count),) = self._holders.most_common(1)
             what = f"stands for {STANDS_S:.0f} s on a free path"
             yield self.found(now, who, what if who else f"{what}, and nobody drives it")
             self._stood_s = 0.0
@@ -506,7 +501,8 @@ class Brakes(Rule):
         if self._follows.rolls(now.description):
             if self.is_new("robot", now):
                 what = f"still drives {state.v:.2f} m/s, where {admitted:.2f} m/s are ordered"
-                yield self.found(now, "robot", what, f"for {self._follows.lasts:.1f} s, {ramp}")
+                cycles = BRAKES_LAG + BRAKES_CYCLES
+                yield self.found(now, "robot", what, f"for {cycles} cycles; {ramp}")
         elif len(self._slowed) == BRAKINGS and share < WEAK_SHARE and self.is_new("robot", now):
             what = f"brakes by {share:.0%} of its ramp"
             yield self.found(now, "robot", what, f"in {BRAKINGS} cycles; {ramp}")
@@ -566,11 +562,6 @@ class Follows:
         if self._last and not (now.follows and number - self._last[-1][0] < SKIPPED):
             self._last.clear()
         self._last.append((number, admitted, now.state.v))
-
-    @property
-    def lasts(self) -> float:
-        """The time that these cycles took, s."""
-        return self._cycle_s * (self._last[-1][0] - self._last[0][0])
 
     def _of_ramp(self, ramp: float, lag: int, cycles: int) -> float | None:
         """The change of speed as a share of what the ramp would have made; None: too few cycles."""

@@ -327,10 +327,10 @@ class Found(Rule):
 
     def __init__(self) -> None:
         super().__init__()
-        self._lost_s, self._last_at, self._mission = 0.0, -inf, 0
+        self._lost_s, self._mission = 0.0, 0
 
     def on_robot_state(self, _: RobotState, now: Scene) -> Iterator[Finding]:
-        dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
+        dt = min(now.state_gap_s, 1.0)
         self.checked = self.checked or (now.pose is not None and bool(now.pose.covariance))
         mission = 0 if now.mission is None else now.mission.mission
         if mission != self._mission:

@@ -68,6 +68,9 @@ SHOWN: Final[tuple[type[Message], ...]] = (
 )
 """The messages that a scene is made of; a base stands for its subclasses."""
 
+RESTS_M_S, RESTS_RAD_S = 0.02, 0.05
+"""Slower than this, it rests; it is above the noise of encoders at rest."""
+
 ROOM_M: Final = 0.5
 """An obstacle nearer to the robot's front or flanks than this, m, is a reason to stand."""
 
@@ -252,6 +255,14 @@ class Scene:
     def driving(self) -> bool:
         """Whether a mission is under way."""
         return self.mission is not None and self.mission.state is MissionState.DRIVING
+
+    @property
+    def rests(self) -> bool:
+        """Whether the robot does not move."""
+        state = self.state
+        if state is None:
+            return False
+        return abs(state.v) <= RESTS_M_S and abs(state.w) <= RESTS_RAD_S
 
     @property
     def cycle_s(self) -> float:
