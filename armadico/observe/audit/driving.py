@@ -389,11 +389,11 @@ class Speed(Rule):
         orders = self._orders.setdefault(now.who, deque(maxlen=OF_CYCLES))
         orders.append(v)
         known, least = now.cruise
-        most = max(orders) if len(orders) == OF_CYCLES else inf
-        if most >= ORDERED_SHARE * known or _was_near(now, KEPT_S) or not self.is_new(now.who, now):
+        slow = sum(each < ORDERED_SHARE * known for each in orders)
+        if slow < MOST_CYCLES or _was_near(now, KEPT_S) or not self.is_new(now.who, now):
             return
-        what = f"orders {most:.2f} m/s on a free, long and straight path"
-        if most < ORDERED_SHARE * least:
+        what = f"orders {max(orders):.2f} m/s on a free, long and straight path"
+        if max(orders) < ORDERED_SHARE * least:
             yield self.found(now, now.who, what, f"cruising speed {least:.2f} m/s or more")
         else:
             why = f"{what}; whether a limit is set is unknown (`v_max` of goto)"
