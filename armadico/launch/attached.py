@@ -14,6 +14,7 @@ from armadico.launch.processes import undisturbed
 from armadico.launch.run import LiveRun
 from armadico.launch.society import ATTACHED, Options, least
 from armadico.mesh.topology import MeshError
+from armadico.observe.contention import Contention
 from armadico.observe.measures import Phase
 from armadico.runtime.errors import RunFailedError, SocietyError
 
@@ -51,6 +52,7 @@ class AttachedRun(LiveRun):
         """A mission needs only the agents that `armadico up MISSION` starts."""
         taking = scenario if scenario.mission is None else least(scenario)
         super().__init__(taking, options, mesh, **more)
+        self.watch.contention = Contention()
 
     def __exit__(
         self,
@@ -91,6 +93,12 @@ class AttachedRun(LiveRun):
             )
         self._check_world()
         self._check_robot()
+        self.read_bids()
+
+    def read_bids(self) -> None:
+        """See `RobotRun`. Which mechanisms decide is on the cards, also of agents that end."""
+        found = self.client.cards().values()
+        self.watch.contention.cards |= {card.instance: card for card in found if card is not None}
 
     def _complete(self) -> bool:
         return not self._missing() and self._ready_to_drive()

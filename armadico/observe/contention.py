@@ -56,10 +56,11 @@ class Contention:
     def __init__(self, mechanisms: Mapping[str, Coordination] | None = None) -> None:
         """`mechanisms` are the chosen ones by name; what they do not decide about is ignored.
 
-        None: they are not known yet; `among` gets them from cards.
+        None: agents' cards name them, those of `cards` or of `among`.
         """
         self.mechanisms = dict(mechanisms or {})
         self._any = mechanisms is None
+        self.cards: dict[str, Card] = {}  # of the competing agents, by instance
         self._wanted: dict[tuple[str, int], _Wanted] = {}  # by resource and epoch
         self._known: set[tuple[str, str]] = set()  # resources and instances, also without a utility
         self._arbiters = {each.arbiter for each in self.mechanisms.values()}  # their names
@@ -128,32 +129,37 @@ class Contention:
     def least(self) -> int | None:
         """Of several mechanisms, the count of that which had least to decide; None: not known."""
         counts = [self.of(name) for name in self.mechanisms]
+        counts += [count for _, _, count in self._by_card(self.cards.values())]
         known = [count for count in counts if count is not None]
         return min(known, default=None) if len(known) == len(counts) else None
 
     @property
     def undecided(self) -> str:
         """Sentences about mechanisms that decided nothing, or of which that is not known; or ""."""
-        texts = (
+        texts = [
             _told(name, f"{decides(found)}{'*' * _several(found)}", self.of(name))
             for name, found in self.mechanisms.items()
-        )
-        return "; ".join(filter(None, texts))
+        ]
+        return "; ".join(filter(None, [*texts, *self.among(self.cards.values())]))
 
     def among(self, cards: Iterable[Card]) -> list[str]:
         """Return such sentences about the mechanisms that agents' cards name."""
+        return sorted(filter(None, (_told(*each) for each in self._by_card(cards))))
+
+    def _by_card(self, cards: Iterable[Card]) -> list[tuple[str, str, int | None]]:
+        """Return each mechanism that cards name, its resource, and the count of that."""
         by: dict[str, list[Card]] = {}  # by resource
         for card in cards:
             for resource in card.resources:
                 by.setdefault(resource, []).append(card)
-        found = []
+        found: list[tuple[str, str, int | None]] = []
         for resource, those in by.items():
             arbiters = self._arbiters | {card.name for card in those if awards(card, resource)}
             competing = {card.instance for card in those if card.name not in arbiters}
             count = self._count(resource.__eq__, arbiters, competing)
             names = {card.mechanism_of(resource) for card in those} - {BALLOTS}
-            found += [_told(name, resource, count) for name in names]
-        return sorted(filter(None, found))
+            found += [(name, resource, count) for name in names]
+        return found
 
 
 def _told(name: str, about: str, count: int | None) -> str:

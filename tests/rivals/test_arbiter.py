@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from msgspec import structs
 
 from armadico.agents.rivals.arbiter import WAIT_S
 from armadico.agents.rivals.mechanisms import Auction
@@ -15,8 +16,10 @@ from armadico.core.membership import agent_of
 from armadico.core.messages import Ack, Award, Command, Cycle, Proposal
 from armadico.core.parameters import Social
 from armadico.core.resources import WHEELS
+from armadico.launch.attached import AttachedRun
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
+from armadico.launch.virtual_session import VirtualSession
 from armadico.mesh.virtual import VirtualMesh
 from armadico.mobile.messages import Truth
 from armadico.observe.view import driver
@@ -55,6 +58,30 @@ def test_the_arbiter_alone_commands_and_the_goal_is_reached() -> None:
     assert result.shares["goto"] > 30.0, "the agents that it awards are counted, not the arbiter"
     assert result.conditions is not None
     assert "social.coordination=auction" in result.conditions.agents["goto"]
+
+
+@pytest.mark.parametrize(
+    ("agents", "told"),
+    [
+        (("encoder", "sonar", "interface", "goto"), "auction had nothing to decide"),
+        (("encoder", "sonar", "interface", "goto", "avoid"), ""),
+    ],
+)
+def test_an_attached_run_tells_whether_the_mechanism_on_the_cards_had_anything_to_decide(
+    agents: tuple[str, ...], told: str
+) -> None:
+    """It has not started the agents, so it has not their settings."""
+    options = Options(seed=1, coordination="auction", limit=10.0)
+    asked = structs.replace(ideal(load_scenario("sc4")), agents=agents, plan="direct")
+    scenario = prepared(asked, options)
+    there = Rehearsal(structs.replace(scenario, goal=None), options)
+    attached = Options(limit=10.0)
+    with AttachedRun(scenario, attached, VirtualSession(there.mesh)) as run:
+        result = run.run()
+    assert result.contended is not None
+    assert (result.contended == 0) == bool(told)
+    assert told in result.undecided
+    assert bool(result.undecided) == bool(told)
 
 
 def test_what_an_agent_is_told_of_its_share_can_be_set() -> None:

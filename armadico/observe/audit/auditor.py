@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
+from math import inf
 from typing import Final
 
 from armadico.config.worlds import World
+from armadico.core.cycles import LATE, PERIOD
 from armadico.core.judgement import Answer
 from armadico.core.messages import Ack, Command, Cycle, Message, RobotState
 from armadico.core.resources import WHEELS
@@ -34,41 +36,13 @@ from armadico.observe.audit.walls import Compared
 from armadico.observe.pauses import Pauses
 
 RULES: Final[tuple[type[Rule], ...]] = (
-    *(
-        Touched,
-        Arrives,
-        Ends,
-        Reached,
-        Visits,
-        Failed,
-        Refuses,
-        Waits,
-        Found,
-        Doubts,
-        Leads,
-        Clears,
-    ),
-    *(Stands, Honest, Earned, Reflexes, Steady, Speed, Brakes, Turns),
-    *(
-        OneDriver,
-        Fresh,
-        Ordered,
-        Held,
-        Stopped,
-        Heading,
-        Scaled,
-        Rated,
-        Moves,
-        Claims,
-        Changes,
-        Renewed,
-        Fits,
-        Sees,
-        Compared,
-        Shown,
-    ),
+    *(Touched, Arrives, Ends, Reached, Visits, Failed, Refuses, Waits, Found, Doubts),
+    *(Leads, Clears, Stands, Honest, Earned, Reflexes, Steady, Speed, Brakes, Turns),
+    *(OneDriver, Fresh, Ordered, Held, Stopped, Heading, Scaled, Rated, Moves, Claims),
+    *(Changes, Renewed, Fits, Sees, Compared, Shown),
 )
 
+EachCycle = RobotState | Ack | Pose | Sonar | Scan | Obstacles
 EACH_CYCLE: Final = (RobotState, Ack, Pose, Sonar, Scan, Obstacles)
 """Messages that come once a cycle (docs/protocol.md), so that the numbers of cycles tell how many
 are missing. Of several sensors' obstacles the first of a cycle counts."""
@@ -93,6 +67,16 @@ def _deadline_s(kind: type[Message]) -> float | None:
     if service.kind is Kind.LATCHED and service.rate_hz is not None:
         return 2.0 / service.rate_hz
     return service.deadline_s
+
+
+def _behind(newest: EachCycle | Truth, message: EachCycle | Truth) -> float:
+    """How many cycles a message is older than the newest of its kind, by their own stamps."""
+    if isinstance(newest, Truth) and isinstance(message, Truth):
+        return (newest.t - message.t) / PERIOD
+    if isinstance(newest, EACH_CYCLE) and isinstance(message, EACH_CYCLE):
+        same = newest.cycle.epoch == message.cycle.epoch
+        return newest.cycle.number - message.cycle.number if same else -inf
+    return -inf
 
 
 class Auditor:
@@ -125,6 +109,7 @@ class Auditor:
         self._pauses: dict[tuple[type[Message], str], Pauses] = {}
         self._driven = False  # there was a mission, so it must have had a path
         self._held_at: float | None = None  # since an agent was obeyed, it must have commanded
+        self._newest: dict[tuple[type[Message], str], EachCycle | Truth] = {}  # by kind and sensor
         # Of a kind the newest cycle, and how many were received and passed from the first to it.
         self._counts: dict[type[Message], tuple[Cycle, int, int]] = {}
         self._lasted_s = 0.0  # from the first state to the last, by the observer's clock
@@ -162,6 +147,8 @@ class Auditor:
         of_wheels = not isinstance(message, Ack) or message.resource == WHEELS.name
         if of_wheels:
             self._arrive(kind, key, max(at, scene.now))
+            if isinstance(message, (*EACH_CYCLE, Truth)) and self._is_late(message):
+                return []
         scene.update(at, message)
         if of_wheels and isinstance(message, EACH_CYCLE):
             self._count(message)
@@ -198,7 +185,18 @@ class Auditor:
             self._pauses[by].add(at)
         self._seen.add(kind)
 
-    def _count(self, message: RobotState | Ack | Pose | Sonar | Scan | Obstacles) -> None:
+    def _is_late(self, message: EachCycle | Truth) -> bool:
+        """Whether it repeats the newest of its kind, or came after it, and shows no present."""
+        by = type(message), message.sensor if isinstance(message, Obstacles) else ""
+        newest = self._newest.get(by)
+        if newest is not None:
+            behind = _behind(newest, message)
+            if 0.0 < behind <= LATE or (behind == 0.0 and newest == message):
+                return True
+        self._newest[by] = message
+        return False
+
+    def _count(self, message: EachCycle) -> None:
         kind, cycle = type(message), message.cycle
         before, received, passed = self._counts.get(kind, (cycle, 0, 0))
         if before.epoch == cycle.epoch:

@@ -193,7 +193,8 @@ class Held(Rule):
         # Tenures that ended in silence, by instance: one that was killed can release nothing, and
         # another one follows it. Only one that lives comes back and does it again.
         self._silent: Counter[str] = Counter()
-        self._ended: Ballot | None = None
+        self._before: Ack | None = None
+        self._without = 0  # cycles since the last command, which the owner lived through
 
     def on_ack(self, ack: Ack, now: Scene) -> Iterator[Finding]:
         if ack.resource != WHEELS.name or now.mission is None:
@@ -216,15 +217,19 @@ class Held(Rule):
             yield self.found(now, now.who, what, f"utility {ack.utility:.2f}")
 
     def _unreleased(self, ack: Ack, now: Scene) -> Iterator[Finding]:
-        by, at = ack.obeyed, ack.obeyed_cycle
-        if by is None or at is None or at.epoch != ack.cycle.epoch or by == self._ended:
+        before, self._before, by = self._before, ack, ack.obeyed
+        same = before is not None and (by, ack.obeyed_cycle) == (before.obeyed, before.obeyed_cycle)
+        if by is None or before is None or not same:
+            self._without = 0
             return
-        if ack.cycle.number - at.number > SILENT_CYCLES:
-            self._ended, who = by, by.instance
-            self._silent[who] += 1
-            if self._silent[who] == OTHERS:
+        # What passed while the owner hung, or while its acks were missing, is not known.
+        further = ack.cycle.number - before.cycle.number
+        self._without += further == 1 and ack.cycle.epoch == before.cycle.epoch
+        if self._without == SILENT_CYCLES and further == 1:
+            self._silent[by.instance] += 1
+            if self._silent[by.instance] == OTHERS:
                 what = "stopped commanding without a release"
-                yield self.found(now, agent_of(who), what, f"{OTHERS} times")
+                yield self.found(now, agent_of(by.instance), what, f"{OTHERS} times")
 
 
 class Stopped(Rule):

@@ -9,24 +9,23 @@ from typing import Final
 
 import numpy as np
 
+from armadico.bridge.seen import KEPT_S
 from armadico.core.cycles import PERIOD
 from armadico.core.hands import Hand
 from armadico.core.judgement import Answer
 from armadico.core.membership import agent_of
-from armadico.core.messages import Ack, Description, RobotState
+from armadico.core.messages import Ack, Cycle, Description, RobotState
 from armadico.core.resources import WHEELS
 from armadico.mobile.admissible import UNSEEN
 from armadico.mobile.geometry import relative
 from armadico.mobile.messages import Echo, MissionStatus, Pose, Scan, Sonar, Trajectory
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.route import Route
-from armadico.mobile.scans import points_of
+from armadico.mobile.scans import Floats, points_of
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import AGAIN_S, Rule
-from armadico.observe.audit.scene import Scene
-
-RESTS_M_S, RESTS_RAD_S = 0.02, 0.05
-"""Slower than this, it stands; it is above the noise of encoders at rest."""
+from armadico.observe.audit.scene import RESTS_M_S, Scene
+from armadico.observe.audit.sensed import REMEMBERS_S
 
 STANDS_S: Final = 15.0
 """Standing on a free path for this time, s, needs a reason."""
@@ -105,8 +104,8 @@ TURNED, FASTER, TURNS_LEAST_RAD_S = 40, 1.15, 0.15
 is more than the third: enough of them, as a speed loop that friction held overshoots for a second.
 Turning too slowly is none: on the spot, or to and fro, friction and ramps take more than half."""
 
-GAP_S: Final = 0.2
-"""Between states that are farther apart one is missing, s."""
+SKIPPED: Final = 3
+"""States that are fewer cycles apart are still of one motion."""
 
 ROLLS_M_S: Final = 0.1
 """Driving faster than ordered by this, m/s, is not the lag of the ramp alone."""
@@ -133,23 +132,21 @@ class Stands(Rule):
 
     def __init__(self) -> None:
         super().__init__()
-        self._stood_s, self._last_at = 0.0, -inf
+        self._stood_s = 0.0
         self._holders: Counter[str] = Counter()
 
-    def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
-        moves = abs(state.v) > RESTS_M_S or abs(state.w) > RESTS_RAD_S
+    def on_robot_state(self, _: RobotState, now: Scene) -> Iterator[Finding]:
         self.checked = self.checked or now.driving
-        dt, self._last_at = min(now.now - self._last_at, 3.0 * PERIOD), now.now
-        if moves or not now.driving or now.excuse(*STANDING) is not None:
+        if not now.rests or not now.driving or now.excuse(*STANDING) is not None:
             self._stood_s = 0.0
             self._holders.clear()
             return
         if now.excuse(Excuse.DISTURBED) is not None:
             return  # a disturbance postpones what is due; while it stands, it forgives nothing
-        self._stood_s += dt
+        self._stood_s += min(now.state_gap_s, 3.0 * PERIOD)
         self._holders[now.who] += 1
         if self._stood_s > STANDS_S:
-            who, _ = self._holders.most_common(1)[0]
+            ((who, _count),) = self._holders.most_common(1)
             what = f"stands for {STANDS_S:.0f} s on a free path"
             yield self.found(now, who, what if who else f"{what}, and nobody drives it")
             self._stood_s = 0.0
@@ -202,6 +199,8 @@ class Honest(Rule):
         order, about, seen, state = now.ordered, now.description, now.obstacles, now.state
         if order is None or about is None or seen is None or state is None:
             return None
+        if not now.present(seen):
+            return None
         v, w = order
         if v < FAST_M_S or v < state.v - RESTS_M_S:
             return ""
@@ -251,17 +250,17 @@ class Earned(Rule):
 
     def __init__(self) -> None:
         super().__init__()
-        self._read: dict[tuple[float, ...], tuple[float, Spots]] = {}  # by sonar, or of the laser
+        self._read: dict[tuple[float, ...], tuple[Cycle, Spots]] = {}  # by sonar, or of the laser
         self._lately: deque[str] = deque(maxlen=OF_CYCLES)
 
-    def on_scan(self, scan: Scan, now: Scene) -> None:
-        self._read[()] = now.now, tuple(((x, y),) for x, y in points_of(scan))
+    def on_scan(self, scan: Scan, _: Scene) -> None:
+        self._read[()] = scan.cycle, tuple(((x, y),) for x, y in points_of(scan))
 
     def on_sonar(self, sonar: Sonar, now: Scene) -> None:
         if now.description is not None:
             for echo in sonar.echoes:
                 key = echo.x, echo.y, echo.bearing
-                self._read[key] = now.now, _cone(echo, now.description)
+                self._read[key] = sonar.cycle, _cone(echo, now.description)
 
     def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
         if now.admitted is not None:
@@ -269,8 +268,17 @@ class Earned(Rule):
 
     def _judge(self, state: RobotState, now: Scene) -> Iterator[Finding]:
         about, v = now.description, now.admitted
-        fresh = [spots for at, spots in self._read.values() if now.now - at <= READ_S]
-        if about is None or v is None or not fresh:
+        if about is None or v is None:
+            return
+        # A state that comes after readings of its own cycle was published before them.
+        ages = range(1, int(READ_S / about.cycle_s) + 1)
+        epoch, number = state.cycle.epoch, state.cycle.number
+        fresh = [
+            spots
+            for cycle, spots in self._read.values()
+            if cycle.epoch == epoch and number - cycle.number in ages
+        ]
+        if not fresh:
             return
         self.checked = True
         bend = 0.5 * state.admitted.w / v if v >= FAST_M_S else 0.0
@@ -311,7 +319,7 @@ class Steady(Rule):
     def __init__(self) -> None:
         super().__init__()
         self._holder = ""
-        self._takes: dict[str, deque[float]] = {}
+        self._takes: dict[str, deque[Cycle]] = {}
         self.most = 0
 
     def on_ack(self, ack: Ack, now: Scene) -> Iterator[Finding]:
@@ -321,13 +329,18 @@ class Steady(Rule):
         if not now.holder or now.holder == before:
             return
         takes = self._takes.setdefault(now.holder, deque(maxlen=TAKES))
-        takes.append(now.now)
-        recent = [at for at in takes if now.now - at < TAKES_S]
+        takes.append(ack.cycle)
+        lasted = [
+            now.cycle_s * (ack.cycle.number - each.number)
+            for each in takes
+            if each.epoch == ack.cycle.epoch
+        ]
+        recent = [each for each in lasted if each < TAKES_S]
         self.most = max(self.most, len(recent))
         if len(recent) < TAKES:
             return
         takes.clear()
-        what = f"took the wheels {TAKES} times in {now.now - recent[0]:.1f} s"
+        what = f"took the wheels {TAKES} times in {recent[0]:.1f} s"
         yield self.found(now, agent_of(now.holder), what)
 
 
@@ -345,7 +358,7 @@ class Speed(Rule):
         super().__init__()
         self._route = Route(())
         self._path: Trajectory | None = None
-        self._since = inf
+        self._free_s = 0.0  # for so long its path is free, long and straight
         self._orders: dict[str, deque[float]] = {}  # on free, long and straight paths, by agent
         self._capped: deque[bool] = deque(maxlen=OF_CYCLES)  # by readings, on such paths
         self._follows = Follows()
@@ -361,14 +374,14 @@ class Speed(Rule):
     def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
         yield from self._base(state, now)
         if not self._is_free(now):
-            self._since = inf
+            self._free_s = 0.0
             return
         yield from self._caps(state, now)
         if now.excuse(Excuse.CAPPED) is not None:
-            self._since = inf
+            self._free_s = 0.0
             return
-        self._since = min(self._since, now.now)
-        if now.now - self._since > SPEEDS_UP_S and now.ordered is not None:
+        self._free_s += now.cycle_s
+        if self._free_s > SPEEDS_UP_S and now.ordered is not None:
             yield from self._orders_less(now.ordered[0], now)
 
     def _orders_less(self, v: float, now: Scene) -> Iterator[Finding]:
@@ -377,7 +390,7 @@ class Speed(Rule):
         orders.append(v)
         known, least = now.cruise
         slow = sum(each < ORDERED_SHARE * known for each in orders)
-        if slow < MOST_CYCLES or not self.is_new(now.who, now):
+        if slow < MOST_CYCLES or _was_near(now, KEPT_S) or not self.is_new(now.who, now):
             return
         what = f"orders {max(orders):.2f} m/s on a free, long and straight path"
         if max(orders) < ORDERED_SHARE * least:
@@ -391,16 +404,23 @@ class Speed(Rule):
         v, admitted = state.ordered.v, state.admitted.v
         sensed = bool(state.capped) and state.capped not in NO_READING
         self._capped.append(sensed and v >= FAST_M_S and admitted < ORDERED_SHARE * v)
-        if sum(self._capped) < MOST_CYCLES or not self.is_new("robot's cap", now, AGAIN_S):
+        if sum(self._capped) < MOST_CYCLES or _was_near(now, REMEMBERS_S):
+            return
+        if not self.is_new("robot's cap", now, AGAIN_S):
             return
         what = f"lets {admitted:.2f} of {v:.2f} m/s through on a free, long and straight path"
-        yield self.found(now, "robot", what, f"nothing is sensed there; it says: {state.capped}")
+        yield self.found(
+            now,
+            "robot",
+            what,
+            f"nothing was sensed there for {REMEMBERS_S:.0f} s; it says: {state.capped}",
+        )
 
     def _base(self, state: RobotState, now: Scene) -> Iterator[Finding]:
         admitted, about = now.admitted, now.description
         if admitted is None or about is None:
             return
-        self._follows.add(now.now, admitted, state.v)
+        self._follows.add(now, admitted)
         # A stop, and a fault that the robot agent found, let nothing through.
         excused = state.stalled or now.excuse(Excuse.DISTURBED)
         if excused or not self._follows.lags(about) or not self.is_new("robot", now):
@@ -416,6 +436,8 @@ class Speed(Rule):
             return False
         if not pose.covariance or pose.deviation > SURE_M or not self._route.waypoints:
             return False
+        if not (now.present(pose) and now.present(seen)):
+            return False
         if self._route.to_go(pose.x, pose.y) < LONG_M + PARKS_M:
             return False
         if self._route.off_unseen(pose.x, pose.y) < UNSEEN_M:
@@ -425,9 +447,29 @@ class Speed(Rule):
             x, y, _ = relative((pose.x, pose.y, pose.theta), (to.x, to.y, 0.0))
             if abs(atan2(y, x)) > STRAIGHT_RAD:
                 return False
-        reach, half = about.front + LONG_M, about.half_width + ASIDE_M
-        near = any(-about.rear < p.x < reach and abs(p.y) < half for p in seen.points)
+        near = _near(np.array([(p.x, p.y) for p in seen.points]).reshape(-1, 2), about)
         return not near and now.excuse(*STANDING, Excuse.DISTURBED) is None
+
+
+def _near(points: Floats, about: Description) -> bool:
+    """Whether one of these places (n x 2, body frame, m) is near to the way ahead."""
+    x, y = points.T
+    ahead = (x > -about.rear) & (x < about.front + LONG_M)
+    return bool((ahead & (np.abs(y) < about.half_width + ASIDE_M)).any())
+
+
+def _was_near(now: Scene, within_s: float) -> bool:
+    """Whether something was sensed near to the way ahead within a time, s.
+
+    What a single reading showed is in the way until another one looks through its place, or for
+    `KEPT_S`, and longer if the robot stands so near to it that its sensors are blind there.
+    """
+    pose, about = now.pose, now.description
+    if pose is None or about is None:
+        return True
+    c, s = cos(pose.theta), sin(pose.theta)
+    places = now.sensed.places(now.now - within_s) - (pose.x, pose.y)
+    return _near(places @ np.array([[c, -s], [s, c]]), about)
 
 
 class Brakes(Rule):
@@ -448,7 +490,7 @@ class Brakes(Rule):
         # A wheel that comes to rest or turns around in a bend is held for some cycles by friction.
         if admitted is None or state.v < abs(state.w) * now.description.half_width:
             return
-        self._follows.add(now.now, admitted, state.v)
+        self._follows.add(now, admitted)
         slowed = self._follows.brakes(now.description.v_decel)
         if slowed is None or now.excuse(Excuse.DISTURBED) is not None:
             return
@@ -459,7 +501,8 @@ class Brakes(Rule):
         if self._follows.rolls(now.description):
             if self.is_new("robot", now):
                 what = f"still drives {state.v:.2f} m/s, where {admitted:.2f} m/s are ordered"
-                yield self.found(now, "robot", what, f"for {self._follows.lasts:.1f} s, {ramp}")
+                cycles = BRAKES_LAG + BRAKES_CYCLES
+                yield self.found(now, "robot", what, f"for {cycles} cycles; {ramp}")
         elif len(self._slowed) == BRAKINGS and share < WEAK_SHARE and self.is_new("robot", now):
             what = f"brakes by {share:.0%} of its ramp"
             yield self.found(now, "robot", what, f"in {BRAKINGS} cycles; {ramp}")
@@ -487,7 +530,7 @@ class Turns(Rule):
             if now.excuse(Excuse.DISTURBED) is None:
                 yield self.found(now, "robot", f"was stopped, because of {state.stop.by}")
         excused = now.excuse(Excuse.DISTURBED)
-        if state.stalled or excused or now.state_gap_s > GAP_S or not now.publishes_orders:
+        if state.stalled or excused or not now.follows or not now.publishes_orders:
             self._rates.clear()
             return
         self._rates.append(state.admitted.w)
@@ -504,27 +547,28 @@ class Turns(Rule):
 
 
 class Follows:
-    """The speeds that were let through in the last cycles, and the measured ones, m/s."""
+    """The speeds that were let through in the last cycles, and the measured ones, m/s.
+
+    Times are by the base's cycles. After a gap it begins anew.
+    """
 
     def __init__(self) -> None:
-        self._last: deque[tuple[float, float, float]] = deque(maxlen=OF_CYCLES + LAG_CYCLES)
+        self._last: deque[tuple[int, float, float]] = deque(maxlen=OF_CYCLES + LAG_CYCLES)
+        self._cycle_s = PERIOD
 
-    def add(self, at: float, admitted: float, measured: float) -> None:
-        if self._last and not 0.0 < at - self._last[-1][0] < 3.0 * PERIOD:
+    def add(self, now: Scene, admitted: float) -> None:
+        assert now.state is not None, "it is judged"
+        number, self._cycle_s = now.state.cycle.number, now.cycle_s
+        if self._last and not (now.follows and number - self._last[-1][0] < SKIPPED):
             self._last.clear()
-        self._last.append((at, admitted, measured))
-
-    @property
-    def lasts(self) -> float:
-        """The time that these cycles took, s."""
-        return self._last[-1][0] - self._last[0][0]
+        self._last.append((number, admitted, now.state.v))
 
     def _of_ramp(self, ramp: float, lag: int, cycles: int) -> float | None:
         """The change of speed as a share of what the ramp would have made; None: too few cycles."""
         if len(self._last) < lag + cycles:
             return None
         (begun, _, before), (ended, _, after) = self._last[-cycles], self._last[-1]
-        return (after - before) / (ramp * (ended - begun))
+        return (after - before) / (ramp * self._cycle_s * (ended - begun))
 
     def lags(self, about: Description) -> bool:
         """Whether it drives much less than was let through all the time, and gets no faster."""
@@ -541,13 +585,11 @@ class Follows:
         over = before - max(v for _, v, _ in due)
         if min(v for _, v, _ in due) < 0.0 or over < SETTLED_M_S:
             return None
-        return before - after, min(ramp * (ended - begun), over)
+        return before - after, min(ramp * self._cycle_s * (ended - begun), over)
 
     def rolls(self, about: Description) -> bool:
         """Whether it drives much more than was let through all the time, and gets no slower."""
         gains = self._of_ramp(about.v_decel, BRAKES_LAG, BRAKES_CYCLES)
-        fast = all(
-            v >= 0.0 and m > v + ROLLS_M_S
-            for _, v, m in [*self._last][-BRAKES_LAG - BRAKES_CYCLES :]
-        )
+        lately = [*self._last][-BRAKES_LAG - BRAKES_CYCLES :]
+        fast = all(v >= 0.0 and m > v + ROLLS_M_S for _, v, m in lately)
         return gains is not None and fast and -gains < BRAKES_SHARE

@@ -53,7 +53,7 @@ class Failed(Rule):
         self._judged = False
         self._seen_at = -inf  # when a cause was last seen
         self._lasted: dict[Excuse, float] = {}  # s, of this mission
-        self._to_go, self._nearer_at, self._last_at = inf, -inf, -inf
+        self._to_go, self._nearer_at = inf, -inf
 
     def on_mission_status(self, status: MissionStatus, now: Scene) -> Iterator[Finding]:
         if status.mission != self._mission:
@@ -69,12 +69,11 @@ class Failed(Rule):
             self._seen_at = now.now  # it is for another mission
 
     def on_robot_state(self, state: RobotState, now: Scene) -> None:
-        dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
         if state.stalled or now.excuse(Excuse.FAULT) is not None:
             self._seen_at = now.now
         for each in (Excuse.LOST, Excuse.WAITS):
             if now.excuse(each) is not None:
-                self._lasted[each] = self._lasted.get(each, 0.0) + dt
+                self._lasted[each] = self._lasted.get(each, 0.0) + min(now.state_gap_s, 1.0)
 
     def _judge(self, status: MissionStatus, now: Scene) -> Iterator[Finding]:
         if status.note.startswith((CANCELLED, UNGUARDED)):

@@ -28,8 +28,7 @@ from armadico.observe.audit.scene import Scene
 from armadico.observe.measures import REACHED_M, REACHED_RAD
 
 RESTS_S: Final = 15.0
-RESTS_M_S, RESTS_RAD_S = 0.02, 0.05
-"""A mission ends within the first of the robot's rest at the goal, s, slower than the others."""
+"""A mission ends within this time of the robot's rest at the goal, s."""
 
 DONE_THERE: Final = frozenset({"move", "take-photo", "check-alarm"})
 """Tasks of missions that are done in the place that they name first."""
@@ -47,28 +46,26 @@ class Ends(Rule):
 
     def __init__(self) -> None:
         super().__init__()
-        self._rested_s, self._last_at = 0.0, -inf
+        self._rested_s = 0.0
 
-    def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
-        dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
-        if not now.driving or not self._there(state, now):
+    def on_robot_state(self, _: RobotState, now: Scene) -> Iterator[Finding]:
+        if not (now.driving and now.rests and self._there(now)):
             self._rested_s = 0.0
             return
         self.checked = True
         if now.excuse(Excuse.DISTURBED, Excuse.STOPPED, Excuse.UNSURE) is None:
-            self._rested_s += dt
+            self._rested_s += min(now.state_gap_s, 1.0)
         if self._rested_s > RESTS_S:
             self._rested_s = -inf  # once, until it drives on
             what = f"the robot rests at its goal for {RESTS_S:.0f} s, and the mission goes on"
             yield self.found(now, "interface", what)
 
     @staticmethod
-    def _there(state: RobotState, now: Scene) -> bool:
+    def _there(now: Scene) -> bool:
         path, pose, mission = now.trajectory, now.pose, now.mission
         if path is None or pose is None or mission is None or path.mission != mission.mission:
             return False
-        rests = abs(state.v) < RESTS_M_S and abs(state.w) < RESTS_RAD_S
-        return rests and bool(path.waypoints) and not _beyond(*_off(path.waypoints[-1], pose))
+        return bool(path.waypoints) and not _beyond(*_off(path.waypoints[-1], pose))
 
 
 class Reached(Rule):
@@ -162,7 +159,7 @@ def _by(pose: Pose, off: tuple[float, float]) -> str:
 class Visits(Rule):
     """A step of a mission that is done in a place of the map is done only if the robot was there.
 
-    By the truth, else as far as the pose knows.
+    By the truth, else by the pose and the readings, as in `Reached`.
     """
 
     promise = Promise.REACHED
@@ -201,6 +198,10 @@ class Visits(Rule):
         if off > may and now.excuse(Excuse.DISTURBED) is None:
             what = f"{step.step} is done, and the robot was not there"
             yield self.found(now, "mission-planning", what, f"{off:.1f} m away, or more")
+        proven = off > may or now.truth is not None or now.accuses
+        if not proven and (why := unproven(now, LATELY_S)):
+            what = f"{step.step} is done, as far as the pose knows: {why}"
+            yield self.found(now, "localization", what, answer=Answer.UNKNOWN)
 
 
 def _away(world: World | None, place: str) -> Callable[[float, float], float] | None:

@@ -52,10 +52,10 @@ class Waits(Rule):
 
     def __init__(self) -> None:
         super().__init__()
-        self._waited_s, self._last_at = 0.0, -inf
+        self._waited_s = 0.0
 
     def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
-        dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
+        dt = min(now.state_gap_s, 1.0)
         if state.stalled:
             self._waited_s = -REMEMBERS_S  # what was touched may be remembered, too
         waits = now.driving and now.excuse(*WAITING) is Excuse.WAITS

@@ -6,13 +6,15 @@ from collections.abc import Iterator
 from math import atan2, dist, hypot, inf, pi, sqrt
 from typing import Final
 
+import numpy as np
+
 from armadico.core.messages import Cycle, RobotState
 from armadico.mobile.behaviour import FOUND_S, LOST_M
 from armadico.mobile.geometry import Pose2, compose, relative, wrap
 from armadico.mobile.messages import Correction, InitialPose, Pose, Truth
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import Rule
-from armadico.observe.audit.scene import SIGMAS, Scene
+from armadico.observe.audit.scene import SIGMAS, STATES, Scene
 
 STEP_M = 0.02
 SIDEWAYS_RAD = 0.2
@@ -21,12 +23,6 @@ drives of 2 minutes was 0.05 rad, turns and counts of the encoders included."""
 
 TURN_RAD = 0.03
 """A step that turns by more than this turns in the direction of the measured rate."""
-
-GAP_S = 0.25
-"""Cycles farther apart than this, s, have a gap, in which it may have turned both ways."""
-
-POSES = 64
-"""Cycles whose odometry is kept, to be compared with poses."""
 
 STEP_DEVIATIONS, STEP_FREE_M = 4.0, 0.25
 """A pose moves otherwise than the odometry by no more than so many of its deviations before and
@@ -40,6 +36,9 @@ PIECE_M, WINDOW_M = 0.5, 3.0
 
 SCALE = 0.06
 """The share by which they may differ. Made errors of wheels are 2 %."""
+
+SAME_TIME = 0.03
+"""The share by which the times of both may differ, so that their ways may be compared."""
 
 CERTAIN_M = 0.15
 """A pose less certain than this shows no scale, m."""
@@ -71,13 +70,13 @@ class Heading(Rule):
         here = state.x, state.y, state.theta
         x, y, turned = relative((before.x, before.y, before.theta), here)
         off = abs(wrap(atan2(y, x) - 0.5 * turned))
-        if now.state_gap_s < GAP_S and abs(turned) > TURN_RAD:
+        if now.step == 1 and abs(turned) > TURN_RAD:
             rates = (before.w, state.w)  # the turn is between them, and the loops may overshoot
             if max(rates) < 0.0 < turned or turned < 0.0 < min(rates):
                 what = f"it turned by {turned:.3f} rad while it measured {state.w:.2f} rad/s"
                 yield self.found(now, "robot", what)
         most = SIDEWAYS_RAD
-        if now.state_gap_s >= GAP_S:  # it may have driven first, and turned then
+        if now.step != 1:  # it may have driven first, and turned then
             most += 0.5 * abs(turned)
         if hypot(x, y) > STEP_M and min(off, pi - off) > most:
             what = f"a step of {hypot(x, y):.3f} m leads {off:.2f} rad off where it heads"
@@ -88,7 +87,8 @@ class Rated(Rule):
     """The odometry turns and goes on as fast as the wheels' speeds are measured.
 
     Both are by the wheels, so they slip together. Behaviours brake and turn by the speeds, and
-    poses follow the odometry.
+    poses follow the odometry. The speeds are taken for a cycle, and for the time between arrivals:
+    either clock may be off, so both must show it.
     """
 
     promise = Promise.ODOMETRY
@@ -96,15 +96,15 @@ class Rated(Rule):
 
     def __init__(self) -> None:
         super().__init__()
-        self._sums = dict.fromkeys(RATES, (0.0, 0.0))  # by the odometry, and by the speeds
+        # By the odometry, and by the speeds with either clock.
+        self._sums = dict.fromkeys(RATES, (0.0, 0.0, 0.0))
         self._off = dict.fromkeys(RATES, 0.0)  # the share in the window before
 
     def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
         before = now.before
         if before is None or state.stalled:
             return
-        follows = before.cycle.epoch == state.cycle.epoch and 0.0 < now.state_gap_s < GAP_S
-        if not follows or now.excuse(Excuse.DISTURBED) is not None:
+        if not now.follows or now.excuse(Excuse.DISTURBED) is not None:
             return
         turned = abs(wrap(state.theta - before.theta))
         went = hypot(state.x - before.x, state.y - before.y)
@@ -118,13 +118,15 @@ class Rated(Rule):
         if min(rates) * max(rates) <= 0.0 or min(map(abs, rates)) < least:
             return
         self.checked = True
-        way, due = self._sums[name]
-        way, due = way + counted, due + 0.5 * abs(sum(rates)) * now.state_gap_s
-        self._sums[name] = way, due
-        if max(way, due) < full:
+        rate, (way, *dues) = 0.5 * abs(sum(rates)), self._sums[name]
+        way += counted
+        dues = [d + rate * s for d, s in zip(dues, (now.cycle_s, now.state_gap_s), strict=True)]
+        self._sums[name] = way, dues[0], dues[1]
+        if max(way, *dues) < full:
             return
+        due = min(dues, key=lambda each: abs(each - way))
         was, self._off[name] = self._off[name], due / max(way, 0.01) - 1.0
-        self._sums[name] = 0.0, 0.0
+        self._sums[name] = 0.0, 0.0, 0.0
         off = self._off[name]
         if min(abs(off), abs(was)) > RATE and off * was > 0.0 and self.is_new(name, now):
             what = f"it {name} by {way:.2f} {unit} where its speeds make {due:.2f} {unit}"
@@ -140,21 +142,16 @@ class Moves(Rule):
 
     def __init__(self) -> None:
         super().__init__()
-        self._odometry: dict[Cycle, Pose2] = {}
         self._before: tuple[Pose, Pose2] | None = None
-
-    def on_robot_state(self, state: RobotState, _: Scene) -> None:
-        self._odometry[state.cycle] = state.x, state.y, state.theta
-        if len(self._odometry) > POSES:
-            del self._odometry[next(iter(self._odometry))]
 
     def on_initial_pose(self, _: InitialPose, _now: Scene) -> None:
         self._before = None
 
     def on_pose(self, pose: Pose, now: Scene) -> Iterator[Finding]:
-        here = self._odometry.get(pose.cycle)
-        if here is None:
+        state = now.states.get(pose.cycle)
+        if state is None:
             return
+        here = state.x, state.y, state.theta
         before, self._before = self._before, (pose, here)
         if before is None or not before[0].covariance or not pose.covariance:
             return
@@ -220,7 +217,7 @@ class Claims(Rule):
     def on_robot_state(self, state: RobotState, now: Scene) -> None:
         if (placed := now.placed) is not None:
             self._truths[state.cycle] = placed
-            if len(self._truths) > POSES:
+            if len(self._truths) > STATES:
                 del self._truths[next(iter(self._truths))]
         elif (truth := now.truth) is not None and max(abs(truth.v), abs(truth.w)) > MOVES_M_S:
             self._unplaced = True
@@ -252,7 +249,10 @@ class Claims(Rule):
 
 
 class Scaled(Rule):
-    """The odometry counts as far as the robot moves: in truth, else by poses that are certain."""
+    """The odometry counts as far as the robot moves: in truth, else by poses that are certain.
+
+    Both ways are of the same time by their own stamps, or are not compared.
+    """
 
     promise = Promise.ODOMETRY
     needs = (RobotState, Pose)
@@ -260,40 +260,50 @@ class Scaled(Rule):
 
     def __init__(self) -> None:
         super().__init__()
-        self._from: tuple[tuple[float, float], tuple[float, float]] | None = None
-        self._way_m = self._true_m = 0.0  # of this window
+        self._from: tuple[RobotState, Truth | Pose] | None = None
+        self._sums = np.zeros(4)  # of this window: both ways, m, and times, s
         self._off = 0.0  # the share in the window before
 
     def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
-        before, at = now.before, now.truth or now.pose
-        if before is None or at is None:
+        at, since = now.truth or now.pose, self._from
+        certain = isinstance(at, Truth) or (at is not None and 0.0 < at.deviation < CERTAIN_M)
+        if at is None or not certain or now.excuse(Excuse.DISTURBED) is not None:
             self._from = None
             return
-        if (
-            (isinstance(at, Pose) and not 0.0 < at.deviation < CERTAIN_M)
-            or before.cycle.epoch != state.cycle.epoch
-            or now.state_gap_s > GAP_S
-            or now.excuse(Excuse.DISTURBED) is not None
-        ):
-            self._from = None
+        same = since is not None and type(since[1]) is type(at)
+        if since is None or not same or since[0].cycle.epoch != state.cycle.epoch:
+            self._from = state, at
             return
-        here = (state.x, state.y), (at.x, at.y)
-        since = self._from = self._from or here
-        way = dist(since[0], here[0])
+        before, there = since
+        way = dist((before.x, before.y), (state.x, state.y))
         if way < PIECE_M:
             return
-        self._from, self.checked = here, True
-        self._way_m += way
-        self._true_m += dist(since[1], here[1])
-        if self._way_m < WINDOW_M:
+        lasted = now.cycle_s * (state.cycle.number - before.cycle.number)
+        self._from = state, at
+        true = dist((there.x, there.y), (at.x, at.y))
+        self._sums += way, true, lasted, _lasted(there, at, now.cycle_s)
+        if self._sums[0] < WINDOW_M:
             return
-        way, true, was = self._way_m, self._true_m, self._off
-        self._way_m = self._true_m = 0.0
+        (way, true, lasted, truly), was = self._sums.tolist(), self._off
+        self._sums[:] = 0.0
+        if abs(truly - lasted) > SAME_TIME * lasted:
+            return
+        self.checked = True
         self._off = way / max(true, 0.01) - 1.0
         if min(abs(self._off), abs(was)) > SCALE and self._off * was > 0.0:
             self._off = 0.0
             what = f"the odometry counts {way:.2f} m where the robot moved by {true:.2f} m"
             yield self.found(now, "robot", what, "twice")
+
+
+def _lasted(since: Truth | Pose, until: Truth | Pose, cycle_s: float) -> float:
+    """The time between two places by their own stamps, s; inf if it is not known."""
+    if isinstance(since, Truth) and isinstance(until, Truth):
+        return until.t - since.t
+    if isinstance(since, Pose) and isinstance(until, Pose):
+        same = since.cycle.epoch == until.cycle.epoch
+        return cycle_s * (until.cycle.number - since.cycle.number) if same else inf
+    return inf
 
 
 FOUND_SHARE: Final = 0.25
@@ -317,10 +327,10 @@ class Found(Rule):
 
     def __init__(self) -> None:
         super().__init__()
-        self._lost_s, self._last_at, self._mission = 0.0, -inf, 0
+        self._lost_s, self._mission = 0.0, 0
 
     def on_robot_state(self, _: RobotState, now: Scene) -> Iterator[Finding]:
-        dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
+        dt = min(now.state_gap_s, 1.0)
         self.checked = self.checked or (now.pose is not None and bool(now.pose.covariance))
         mission = 0 if now.mission is None else now.mission.mission
         if mission != self._mission:
@@ -369,7 +379,7 @@ class Doubts(Rule):
         at, cycle, off = self._known
         if at == -inf and now.mapped is not False and pose.deviation > DRIVEN_M:
             self._unfounded = self.checked = True
-        if now.now - at > CORRECTED_S or cycle.epoch != pose.cycle.epoch:
+        if now.now - at > CORRECTED_S or cycle.epoch != pose.cycle.epoch or pose.cycle < cycle:
             return
         self.checked = True
         doubted = pose.deviation > hypot(DOUBTED * off, DRIVEN_M)

@@ -21,13 +21,13 @@ LEAST: Final = 5.0
 direction counts whole in it, and one along it not at all. Chosen."""
 
 
-def unproven(now: Scene) -> str:
-    """Why no reading shows that the robot is where its pose says, in words; "" if they do."""
+def unproven(now: Scene, within_s: float = NEWEST_S) -> str:
+    """Why no reading within a time, s, shows that the robot is where its poses say; "" if so."""
     chart, about = now.chart, now.description
     if chart is None or about is None:
         return "no map to compare its readings with" if chart is None else "no Description received"
     fits = np.zeros((2, 2))
-    for message, pose in now.sensed.readings(now.now - NEWEST_S):
+    for message, pose in now.sensed.readings(now.now - within_s):
         near, cone = (SONAR_M, about.cone) if isinstance(message, Sonar) else (LASER_M, 0.0)
         for ray in rays_of(message):
             if ray[3] < near:

@@ -10,10 +10,12 @@ from typing import Final
 from msgspec.structs import replace
 
 from armadico.config.worlds import World
+from armadico.core.cycles import LATE, PERIOD
 from armadico.core.membership import agent_of
 from armadico.core.messages import (
     Ack,
     Command,
+    Cycle,
     Description,
     Message,
     ParametersReply,
@@ -45,6 +47,16 @@ from armadico.observe.view import driver
 SILENT_S = 0.3
 """Without a `RobotState` for this time, s, the robot agent is silent: three cycles."""
 
+STATES: Final = 64
+"""Cycles whose states are kept, to be compared with other messages of theirs."""
+
+PACED: Final = 0.5
+"""A state that comes earlier or later by more than this share of a cycle is late, or another is."""
+
+PRESENT: Final = 3
+"""Messages of a state's cycle, or of so many cycles before, are of its moment; likewise of the one
+after it, since they may come before the state."""
+
 STATES_S = 1.0
 """A state that is published regularly, such as driving by hand, is over after this time, s, and a
 pose unknown."""
@@ -55,6 +67,9 @@ SHOWN: Final[tuple[type[Message], ...]] = (
     *(ByHand, Leading, InitialPose, Sonar, Scan),
 )
 """The messages that a scene is made of; a base stands for its subclasses."""
+
+RESTS_M_S, RESTS_RAD_S = 0.02, 0.05
+"""Slower than this, it rests; it is above the noise of encoders at rest."""
 
 ROOM_M: Final = 0.5
 """An obstacle nearer to the robot's front or flanks than this, m, is a reason to stand."""
@@ -91,6 +106,7 @@ class Scene:
         world: That map with its rooms and goals; None: unknown.
         v_max: The limit that a scenario or a user sets, m/s (`v_max` of goto); inf: there is none;
             None: unknown.
+        states: The newest ones, by their cycles.
         holder: The instance whose command is obeyed; "" without one.
         sensed: What was sensed lately.
     """
@@ -110,7 +126,9 @@ class Scene:
         self.before: RobotState | None = None  # the state before
         self.state_at = -inf
         self.publishes_orders = False  # an older robot agent does not
-        self.state_gap_s = inf  # between the last two states
+        self.state_gap_s = inf  # between the arrivals of the last two states
+        self.states: dict[Cycle, RobotState] = {}
+        self._catches_up = 0  # so many states may be of a time before the newest orders
         self._pose: tuple[float, Pose | None] = -inf, None  # at
         self._truth: tuple[float, Truth | None] = -inf, None  # at
         # A pose and the truth there: without a common map their frames may differ.
@@ -133,6 +151,11 @@ class Scene:
             case RobotState():
                 self.before, self.state = self.state, message
                 self.state_gap_s, self.state_at = self.now - self.state_at, self.now
+                self.states[message.cycle] = message
+                if len(self.states) > STATES:
+                    del self.states[next(iter(self.states))]
+                step = self.step or LATE
+                self._catches_up = max(self._catches_up - 1, step if step != 1 else 0)
                 self.publishes_orders |= message.ordered != RESTS or message.admitted != RESTS
             case Ack(resource=WHEELS.name):
                 self.ack, self.holder = message, driver(message) or ""
@@ -232,6 +255,49 @@ class Scene:
     def driving(self) -> bool:
         """Whether a mission is under way."""
         return self.mission is not None and self.mission.state is MissionState.DRIVING
+
+    @property
+    def rests(self) -> bool:
+        """Whether the robot does not move."""
+        state = self.state
+        if state is None:
+            return False
+        return abs(state.v) <= RESTS_M_S and abs(state.w) <= RESTS_RAD_S
+
+    @property
+    def cycle_s(self) -> float:
+        """How long a cycle of the robot is, s."""
+        return PERIOD if self.description is None else self.description.cycle_s
+
+    @property
+    def step(self) -> int | None:
+        """The cycles from the state before to this one; None if that is not known."""
+        state, before = self.state, self.before
+        if state is None or before is None or state.cycle.epoch != before.cycle.epoch:
+            return None
+        step = state.cycle.number - before.cycle.number
+        return step if step > 0 else None
+
+    @property
+    def follows(self) -> bool:
+        """Whether the base measured this state a cycle after the one before, and after its order.
+
+        Its arrival shows neither. On a busy computer states are late and come in bursts, and a
+        simulator falls behind. A robot agent that hung reads all that came meanwhile after its new
+        order: the cycles that its numbers skip tell how many states that may be.
+        """
+        return self.step == 1 and not self._catches_up
+
+    @property
+    def paced(self) -> bool:
+        """Whether the state also came when its cycle began, so that clocks may be compared."""
+        return self.follows and abs(self.state_gap_s - self.cycle_s) <= PACED * self.cycle_s
+
+    def present(self, message: Obstacles | Pose | Scan | Sonar) -> bool:
+        """Whether a message and the newest state are of about the same moment."""
+        if self.state is None or self.state.cycle.epoch != message.cycle.epoch:
+            return False
+        return -1 <= self.state.cycle.number - message.cycle.number <= PRESENT
 
     @property
     def silent(self) -> bool:

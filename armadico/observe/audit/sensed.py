@@ -59,10 +59,12 @@ class Sensed:
             if at >= since and not isinstance(message, Obstacles):
                 yield message, pose
 
-    def places(self) -> Floats:
-        """All of them (n x 2), world frame, m."""
+    def places(self, since: float = -inf) -> Floats:
+        """All of them (n x 2), or those from a time on, s; world frame, m."""
         places = [np.empty((0, 2))]
-        for _, message, pose in self._seen:
+        for at, message, pose in self._seen:
+            if at < since:
+                continue
             x, y = _points(message).T
             c, s = cos(pose.theta), sin(pose.theta)
             places.append(np.column_stack((pose.x + c * x - s * y, pose.y + s * x + c * y)))

@@ -6,24 +6,24 @@ from abc import abstractmethod
 from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import replace
-from math import cos, dist, inf, isfinite, sin
+from math import cos, dist, hypot, inf, isfinite, sin
 from statistics import median
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from armadico.core.messages import Cycle, Description, Point, RobotState
-from armadico.mobile.geometry import compose, relative, wrap
+from armadico.mobile.geometry import compose, wrap
 from armadico.mobile.messages import Pose, Scan, Sonar, Truth
 from armadico.mobile.motion import clearances
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.scans import Floats, bearings_of, points_of, ranges_of
 from armadico.mobile.swept_path import Outline
 from armadico.observe.audit.chart import Chart, Sight
-from armadico.observe.audit.poses import CERTAIN_M, POSES
+from armadico.observe.audit.poses import CERTAIN_M
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import AGAIN_S, Rule
-from armadico.observe.audit.scene import Scene
+from armadico.observe.audit.scene import STATES, Scene
 from armadico.observe.audit.sensed import NOTHING
 
 MOVED_M, TURNED_RAD = 0.05, 0.05
@@ -83,20 +83,13 @@ class Changes(Rule):
 
     def __init__(self) -> None:
         super().__init__()
-        # By sonar: the last range, and odometer and heading then.
-        self._echoes: dict[tuple[float, ...], tuple[float, float, float]] = {}
-        self._scan: tuple[int, bytes, float, float] | None = None
-        self._way_m = 0.0
+        # By sonar: the last range, and the robot's state then.
+        self._echoes: dict[tuple[float, ...], tuple[float, RobotState]] = {}
+        self._scan: tuple[int, bytes, RobotState] | None = None
         self._repeats: dict[str, int] = {}
 
-    def on_robot_state(self, state: RobotState, now: Scene) -> None:
-        before = now.before
-        if before is not None and before.cycle.epoch == state.cycle.epoch:
-            step = relative((before.x, before.y, before.theta), (state.x, state.y, 0.0))
-            self._way_m += step[0]
-
     def on_sonar(self, sonar: Sonar, now: Scene) -> Iterator[Finding]:
-        state = now.state
+        state = now.states.get(sonar.cycle)
         if state is None:
             return
         for echo in sonar.echoes:
@@ -105,26 +98,21 @@ class Changes(Rule):
             key = echo.x, echo.y, echo.bearing
             last = self._echoes.get(key)
             ahead = abs(wrap(echo.bearing)) < AHEAD_RAD
-            if last is None or not self._moved(last[1:], state, ahead=ahead):
-                self._echoes.setdefault(key, (echo.range, self._way_m, state.theta))
+            if last is None or not _moved(last[1], state, ahead=ahead):
+                self._echoes.setdefault(key, (echo.range, state))
                 continue
-            self._echoes[key] = echo.range, self._way_m, state.theta
+            self._echoes[key] = echo.range, state
             yield from self._reads("sonar", now, same=last[0] == echo.range)
 
     def on_scan(self, scan: Scan, now: Scene) -> Iterator[Finding]:
-        state, known = now.state, self._scan
+        state, known = now.states.get(scan.cycle), self._scan
         if state is None or not scan.packed.strip(NOTHING):
             return
         if known is None or scan.number == known[0]:
-            self._scan = known or (scan.number, scan.packed, self._way_m, state.theta)
-        elif self._moved(known[2:], state, ahead=True):
-            self._scan = scan.number, scan.packed, self._way_m, state.theta
+            self._scan = known or (scan.number, scan.packed, state)
+        elif _moved(known[2], state, ahead=True):
+            self._scan = scan.number, scan.packed, state
             yield from self._reads("laser", now, same=known[1] == scan.packed)
-
-    def _moved(self, since: tuple[float, ...], state: RobotState, *, ahead: bool) -> bool:
-        way, heading = since
-        turned = abs(wrap(state.theta - heading)) > TURNED_RAD
-        return turned or (ahead and abs(self._way_m - way) > MOVED_M)
 
     def _reads(self, sensor: str, now: Scene, *, same: bool) -> Iterator[Finding]:
         self.checked = True
@@ -135,6 +123,11 @@ class Changes(Rule):
         if now.excuse(Excuse.DISTURBED) is None and self.is_new(sensor, now, AGAIN_S):
             what = f"the {sensor} repeats its readings while the robot moves"
             yield self.found(now, sensor, what, f"{REPEATS} in a row")
+
+
+def _moved(since: RobotState, to: RobotState, *, ahead: bool) -> bool:
+    turned = abs(wrap(to.theta - since.theta)) > TURNED_RAD
+    return turned or (ahead and hypot(to.x - since.x, to.y - since.y) > MOVED_M)
 
 
 class Renewed(Rule):
@@ -149,7 +142,7 @@ class Renewed(Rule):
         self._repeats: Counter[str] = Counter()
 
     def on_obstacles(self, message: Obstacles, now: Scene) -> Iterator[Finding]:
-        state = now.state
+        state = now.states.get(message.cycle)
         if not message.points or state is None:
             return
         before = self._shown.get(message.sensor)
@@ -177,7 +170,11 @@ class _Mapped(Rule):
         self._scan_at = -inf
 
     def on_sonar(self, message: Sonar | Scan, now: Scene) -> Iterator[Finding]:
-        if now.chart is None or now.state is None or abs(now.state.v) < MOVES_M_S:
+        state = now.states.get(message.cycle)
+        if now.chart is None or state is None or abs(state.v) < MOVES_M_S:
+            return
+        # Else its place may be that of another moment.
+        if not now.paced or not now.present(message):
             return
         if now.excuse(Excuse.DISTURBED) is None:
             yield from self.judge(message, now.chart, now)
@@ -362,13 +359,13 @@ class Shown(Rule):
     def on_sonar(self, message: Sonar | Scan, _: Scene) -> None:
         sensor = "laser" if isinstance(message, Scan) else "sonar"
         self._read[sensor, message.cycle] = message
-        if len(self._read) > POSES:
+        if len(self._read) > STATES:
             del self._read[next(iter(self._read))]
 
     on_scan = on_sonar
 
     def on_obstacles(self, message: Obstacles, now: Scene) -> Iterator[Finding]:
-        state, about = now.state, now.description
+        state, about = now.states.get(message.cycle), now.description
         if state is None or about is None:
             return
         read = self._read.pop((message.sensor, message.cycle), None)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -177,6 +177,39 @@ def test_what_a_recording_did_not_hold_for_a_while_is_unknown(
         main(["faults", "--recording", str(recorded(without))])
         said = capsys.readouterr().out
         assert ("no Truth received from 2.9 to 7.0 s" in said) is expected, said
+
+
+@pytest.mark.parametrize(
+    ("bids", "leaves", "gap"),
+    [
+        (range(100), False, ""),
+        ([*range(30), *range(70, 100)], False, "between cycles 29 and 70"),
+        (range(60), False, "between cycles 59 and 99"),
+        (range(60), True, ""),
+    ],
+)
+def test_whether_an_agent_bid_is_unknown_where_its_bids_were_not_recorded(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    bids: Sequence[int],
+    leaves: bool,
+    gap: str,
+) -> None:
+    recording = Recording(path := tmp_path / "bids.mcap")
+    recording.add(Presence("robot1", "goto", GOTO, True, SECOND))
+    for number in range(100):
+        at = SECOND + number * SECOND // 10
+        recording.add(Received("robot1", "robot/state", encode(state(number)), at))
+        record = BidRecord(Cycle(1, number), "wheels", None, False, (), "no goal")
+        history = encode(BidHistory(GOTO, (record,)))
+        if number in bids:
+            recording.add(Received("robot1", f"agent/goto/{GOTO}/bids", history, at, True))
+        elif leaves:
+            recording.add(Presence("robot1", "goto", GOTO, False, at))
+    recording.close()
+    main(["faults", "--recording", str(path), "--json"])
+    why = json.loads(capsys.readouterr().out)["judgement"]["reason"]
+    assert (f"whether an agent bid is unknown: no bids of {GOTO} {gap}" in why) is bool(gap), why
 
 
 def described(v_decel: float) -> Description:

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from armadico.config.worlds import load_world
 from armadico.core.hands import Hand
 from armadico.core.judgement import Answer
 from armadico.core.messages import (
@@ -30,7 +31,7 @@ from armadico.core.messages import (
     Twist,
 )
 from armadico.core.names import handler_name
-from armadico.mobile.errand import Errands
+from armadico.mobile.errand import Errands, Progress, StepDone
 from armadico.mobile.messages import (
     ByHand,
     Correction,
@@ -50,14 +51,16 @@ from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.scans import packed
 from armadico.observe.audit import missions
 from armadico.observe.audit.auditor import RULES, Auditor, watched
+from armadico.observe.audit.chart import Chart
 from armadico.observe.audit.coordination import OneDriver
 from armadico.observe.audit.driving import Honest
 from armadico.observe.audit.live import Live
-from armadico.observe.audit.missions import Reached
+from armadico.observe.audit.missions import Reached, Visits
 from armadico.observe.audit.paths import Leads
 from armadico.observe.audit.poses import Claims
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import Rule
+from armadico.observe.audit.scene import Scene
 from armadico.observe.audit.sensing import Fits, Sees
 
 GOTO, AVOID = "goto-0123456789ab", "avoid-0123456789ab"
@@ -658,7 +661,7 @@ def falls_silent(drive: Drive, *instances: str) -> None:
     drive.go(1)
     for term, instance in enumerate(instances or [GOTO] * 3, start=2):
         ballot, now = Ballot(term, 0.6, False, instance), 20 * term
-        for number in (now, now + 9):
+        for number in range(now, now + 10):
             drive.say(Ack("wheels", Cycle(1, number), ballot, ballot, Cycle(1, now)))
 
 
@@ -750,6 +753,19 @@ def test_what_looks_similar_is_no_finding(story: Story) -> None:
     assert drive.found == []
 
 
+def test_what_a_single_reading_showed_is_a_reason_to_be_slow_for_as_long_as_it_is_known() -> None:
+    """A false echo, which no other reading looks through once the robot stands before it."""
+    once = Drive().go(3)
+    once.say(Sonar(Cycle(1, once.number), 5.0, (echo(0.1),)))
+    once.go(2, v=0.0, admitted=0.0, capped="an obstacle is in the way")
+    once.go(3, ordered=0.1, admitted=0.1, capped="")
+    assert Promise.SPEED not in {promise for promise, _ in once.found}
+    once.go(10)
+    assert (Promise.SPEED, "goto") in once.found
+    caps = Drive().go(3).go(2, v=0.0, admitted=0.0, capped="an obstacle is in the way")
+    assert (Promise.SPEED, "robot") in caps.found
+
+
 def test_an_agent_may_drive_without_a_mission() -> None:
     drive = Drive(mission=0)
     drive.end(MissionState.NONE)
@@ -803,8 +819,8 @@ def test_an_echo_from_the_edge_of_a_sonars_cone_lies_on_the_wall() -> None:
         drive = Drive(Auditor([Fits]))
         drive.say(replace(ROBOT, cone=cone))
         drive.auditor.chart([WALL])
-        sonar = Sonar(Cycle(1, 1), 5.0, (echo(far, bearing),))
-        return drive.go(20, says=lambda _: (sonar,)).found
+        echoes = (echo(far, bearing),)
+        return drive.go(20, says=lambda d: (Sonar(Cycle(1, d.number), 5.0, echoes),)).found
 
     assert found(0.0) == [(Promise.SENSORS, "sonar")]
     assert found(2.0 * half) == []
@@ -997,6 +1013,46 @@ def test_without_a_truth_readings_show_whether_the_place_of_a_goal_is_known(
     found = [each for at, said in at_a_corner(by) for each in auditor.update(at, "", said)]
     assert [each.answer for each in found] == ([Answer.UNKNOWN] if unknown else [])
     assert all(unknown in each.what for each in found)
+
+
+@pytest.mark.parametrize(
+    ("place", "walls", "truth", "answers"),
+    [
+        ("corner", (AHEAD, ON_THE_LEFT), False, []),
+        ("corner", (AHEAD,), False, [Answer.UNKNOWN]),
+        ("corner", (AHEAD,), True, []),
+        ("elsewhere", (AHEAD, ON_THE_LEFT), False, [Answer.NO]),
+    ],
+)
+def test_a_step_is_done_in_a_place_only_where_the_truth_or_readings_show_the_robot(
+    place: str,
+    walls: tuple[tuple[float, float, float, float], ...],
+    truth: bool,
+    answers: list[Answer],
+) -> None:
+    rule, scene = Visits(), Scene(frozenset())
+    scene.chart = Chart(walls)
+    scene.world = replace(
+        load_world("empty"), goals={"corner": (5.0, 0.0, 0.0), "elsewhere": (8.0, 0.0, 0.0)}
+    )
+
+    @dataclass
+    class Told:
+        """As an agent of missions publishes them."""
+
+        errands: tuple[Progress, ...]
+
+    def tell(*steps: StepDone) -> list[Finding]:
+        return [*rule.on_errands(Told((Progress(1, over=False, steps=steps),)), scene)]  # type: ignore[arg-type]
+
+    assert tell() == []
+    for at, said in at_a_corner("sonar"):
+        if truth:
+            scene.update(at, Truth(at, 5.0, 0.0, 0.0, 0.0, 0.0, 0, 1.0, "sim"))
+        scene.update(at, said)
+        if isinstance(said, Pose):
+            rule.on_pose(said, scene)
+    assert [each.answer for each in tell(StepDone(f"move({place})", "done", "", 1.0))] == answers
 
 
 def test_a_monitor_that_keeps_no_unknown_does_not_look_for_a_proof(

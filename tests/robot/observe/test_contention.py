@@ -160,8 +160,11 @@ def test_an_observer_asks_it_of_the_mechanisms_that_cards_name() -> None:
         found.learn(instance, [record(1, None if instance == "avoid-1" else 0.5)])
     (told,) = found.among(cards)
     assert "made had nothing to decide: no two agents wanted wheels" in told
+    found.cards = {each.instance: each for each in cards}
+    assert (found.least, found.undecided) == (0, told)
     found.update(Claim("wheels", Ballot(1, 0.5, False, "avoid-1"), Cycle(1, 1), 0.5))
     assert found.among(cards) == []
+    assert (found.least, found.undecided) == (1, "")
 
 
 def test_an_observer_knows_an_arbiter_by_its_card_also_after_its_bids() -> None:

@@ -28,6 +28,7 @@ from armadico.core.messages import (
 )
 from armadico.observe.audit.auditor import watched
 from armadico.observe.audit.live import learn
+from armadico.observe.pauses import PAUSE_S
 from armadico.watch.recorder import REFUSED, SCHEMA_PREFIX
 from armadico.watch.recordings import HERE, Past, RecordingError, Row
 from armadico_tools.faults.checker import Checker
@@ -73,11 +74,53 @@ def check(path: Path, namespace: str | None, warn: Callable[[str], None]) -> Che
     checker = Checker(about.bounds)
     for card in about.cards:
         learn(checker.auditor, card)
-    past = Past(path, warn)
+    past, bidding = Past(path, warn), Bidding()
     checker.update_all(
-        observations(row for row in past.rows() if about.namespace in (None, row.namespace))
+        bidding.seen(
+            observations(row for row in past.rows() if about.namespace in (None, row.namespace))
+        )
     )
+    for gap in bidding.gaps():
+        warn(f"whether an agent bid is unknown: {gap}")
     return checker
+
+
+class Bidding:
+    """Whether each agent's bids were recorded without a gap, by the cycles that they are for.
+
+    An agent keeps its bid of each cycle, or the reason for none. Without them "no agent bids"
+    would explain what is late.
+    """
+
+    def __init__(self) -> None:
+        self._newest: Cycle | None = None
+        self._last: dict[str, Cycle] = {}  # by instance
+        self._gaps: dict[str, str] = {}  # the first one of each
+
+    def seen(self, observed: Iterable[Observation]) -> Iterator[Observation]:
+        """Pass observations on."""
+        for each in observed:
+            if isinstance(each, Bids):
+                self._add(each.instance, each.record.cycle)
+                self._last[each.instance] = each.record.cycle
+            elif isinstance(each, Left):
+                self._last.pop(each.instance, None)
+            elif isinstance(each, Published) and isinstance(each.message, RobotState):
+                self._newest = each.message.cycle
+            yield each
+
+    def _add(self, instance: str, cycle: Cycle) -> None:
+        last = self._last.get(instance, cycle)
+        if seconds_since(last, cycle) > PAUSE_S:
+            cycles = f"between cycles {last.number} and {cycle.number}"
+            self._gaps.setdefault(instance, f"no bids of {instance} {cycles}")
+
+    def gaps(self) -> list[str]:
+        """The first gap of each agent, in words; an agent that is alive bids until the end."""
+        for instance in (*self._last,):
+            if self._newest is not None:
+                self._add(instance, self._newest)
+        return [*self._gaps.values()]
 
 
 class _About(NamedTuple):
