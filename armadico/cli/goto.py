@@ -51,6 +51,9 @@ UNSEEN: Final = (
 LINE_S: Final = 2.0
 """Period of progress lines without a terminal."""
 
+SAME_S: Final = 30.0
+"""Period of a line that says the same again: a robot may be stopped for hours."""
+
 EXAMPLES: Final = """\
   armadico goto 4 2 90             x 4 m, y 2 m, heading 90 degrees, along a planned path
   armadico goto 4 2                the same place, with the heading of a straight line to it
@@ -285,12 +288,13 @@ def _shower(stack: ExitStack, length: float) -> Callable[[float, str], None]:
 class _Lines:
     def __init__(self) -> None:
         self._printed_at = float("-inf")
+        self._line = ""
 
     def show(self, to_go: float, remark: str) -> None:
-        now = time.monotonic()
-        if now - self._printed_at >= LINE_S:
-            self._printed_at = now
-            print(f"{to_go:.2f} m to go, {remark}", flush=True)
+        now, line = time.monotonic(), f"{to_go:.2f} m to go, {remark}"
+        if now - self._printed_at >= (SAME_S if line == self._line else LINE_S):
+            self._printed_at, self._line = now, line
+            print(line, flush=True)
 
 
 main: Final = Command(

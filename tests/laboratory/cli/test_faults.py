@@ -265,6 +265,6 @@ def test_a_defect_that_was_found_is_left_out_of_further_seeds(
         return True
 
     monkeypatch.setattr(any_series, "over", over)
-    words = ["--planted", "stands", "--once", "--first", "1", "--seeds", "9", "--out"]
-    assert faults.main([*words, str(tmp_path)]) == 0
-    assert run == [(1, ""), (1, "stands"), (2, ""), (2, "stands")]
+    words = ["--planted", "stands", "--planted", "lazy", "--once", "--first", "1", "--seeds", "9"]
+    assert faults.main([*words, "--out", str(tmp_path)]) == 0
+    assert run == [(seed, name) for seed in (1, 2) for name in ("", "stands", "lazy")]

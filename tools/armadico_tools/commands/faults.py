@@ -45,13 +45,13 @@ def run(args: Options) -> int:
         raise UsageError(no_such("variant", variant, campaign.VARIANTS))
     if args.list:
         return campaign.show_kinds(live=live, as_json=as_json)
-    if args.virtual.once and args.virtual.planted is None:
+    if args.virtual.once and not args.virtual.planted:
         raise UsageError("--once is for runs with --planted")
-    if args.virtual.monitored and args.virtual.planted is None:
+    if args.virtual.monitored and not args.virtual.planted:
         raise UsageError("--monitored is for runs with --planted")
     if args.virtual.repeat is not None:
         return campaign.repeat(args.virtual.repeat, as_json=as_json)
-    if args.virtual.planted is not None:
+    if args.virtual.planted:
         return campaign.run_planted(args)
     return campaign.run_trials(args) if live else campaign.run_seeds(args)
 
@@ -73,7 +73,7 @@ main = Command(
 
 
 def _given(of: object) -> list[str]:
-    return [name for name, value in vars(of).items() if value not in (None, False)]
+    return [name for name, value in vars(of).items() if value not in (None, False, ())]
 
 
 def _check(args: Options) -> None:

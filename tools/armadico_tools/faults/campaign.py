@@ -257,12 +257,12 @@ def _only(args: Options) -> Only:
 
 def run_planted(args: Options) -> int:
     """Run seeds with defects, and with none; 1 if a defect was not found, or something without."""
-    given, name = args.virtual, args.virtual.planted
-    if name not in ("all", *DEFECTS):
-        raise UsageError(no_such("planted defect", str(name), ("all", *DEFECTS)))
+    given = args.virtual
+    if wrong := [name for name in given.planted if name not in ("all", *DEFECTS)]:
+        raise UsageError(no_such("planted defect", wrong[0], ("all", *DEFECTS)))
     first, lasts = given.first or 0, 60.0 * (given.minutes or MINUTES)
     seeds = range(first, first + (given.seeds or SEEDS))
-    names = ("", *DEFECTS) if name == "all" else ("", str(name))
+    names = ("", *(DEFECTS if "all" in given.planted else dict.fromkeys(given.planted)))
     found = {each: Found() for each in names}
     only = _only(args)
 

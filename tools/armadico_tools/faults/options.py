@@ -29,8 +29,9 @@ class Virtual:
         " checked (default: ballots)"
     )
     excuses: bool = flag("judge each seed without each excuse, too, and count which are needed")
-    planted: str | None = option(
-        "plant defect D of --list in the product, or each (all), and count the seeds that find it",
+    planted: tuple[str, ...] = several(
+        "plant defect D of --list in the product, or each (all), and count the seeds that find it;"
+        " repeatable",
         metavar="D",
     )
     once: bool = flag("leave a planted defect out once a seed has found it")
