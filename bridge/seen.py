@@ -352,7 +352,9 @@ class Seen:
         passed = seen & (shown >= away + 3.0 * self._noise) & old & ~blind
         seen &= (shown < away + 3.0 * self._noise) | passed
         if passed.any():
-            seen[passed] = ~self._edge_on(known[passed], scan)
+            # A door's leaf may have been opened meanwhile: what looks along it shows neither.
+            ended = self._now - known[passed, 2] > KEPT_S
+            seen[passed] = ended | ~self._edge_on(known[passed], scan)
         points = points_of(scan)
         rear, front, half = self._footprint
         own = (rear < points[:, 0]) & (points[:, 0] < front) & (np.abs(points[:, 1]) < half)

@@ -190,17 +190,17 @@ def _step(
     name: str, command: Sequence[str], copy: Path, env: Mapping[str, str], within: float
 ) -> bool:
     began = time.monotonic()
-    try:
-        done = subprocess.run(
-            command, cwd=copy, env=env, text=True, capture_output=True, timeout=within, check=False
-        )
-    except subprocess.TimeoutExpired:
-        print(f"FAILED {within:6.1f} s  {name}: has not ended", flush=True)
-        return False
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, cwd=copy, env=env, text=True, stdout=pipe, stderr=pipe) as done:
+        try:
+            out, err = done.communicate(timeout=within)
+        except subprocess.TimeoutExpired:
+            kill_trees(done)
+            out, err = done.communicate()
     took = time.monotonic() - began
-    print(f"{'ok' if done.returncode == 0 else 'FAILED':6} {took:6.1f} s  {name}", flush=True)
+    print(f"{'FAILED' if done.returncode else 'ok':6} {took:6.1f} s  {name}", flush=True)
     if done.returncode:
-        print(done.stdout[-8000:], done.stderr[-4000:], flush=True)
+        print(out[-8000:], err[-4000:], flush=True)
     return done.returncode == 0
 
 

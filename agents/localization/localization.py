@@ -221,6 +221,7 @@ class Localized:
 
     unconfirmed: int = 0  # searches that still have to confirm it
     unproved: float = 0.0  # distance that it still has to drive with readings that fit, m
+    found: bool = False  # whether a search found what is to be proved, rather than lost trust in it
     off_map: bool = False  # whether the map does not show this place: scans alone tell the motion
     # The least deviation off the map, m; it holds until the robot is back, and proved.
     off_m: float = 0.0
@@ -229,6 +230,11 @@ class Localized:
     agreed: Pose2 = STOOD  # that place
     since: float | None = None  # when the particles began to spread too far, s
     unmoved: Pose2 | None = None  # while unconfirmed: as in `Lost`
+
+    @property
+    def is_new(self) -> bool:
+        """Whether a search found this place, and it is still to be confirmed or proved."""
+        return self.found and not self.off_map and bool(self.unconfirmed or self.unproved > 0.0)
 
 
 @dataclass(frozen=True)
@@ -476,7 +482,8 @@ class Localization(Agent):
             return belief
         held = belief.off_map or belief.unproved > 0.0
         proof = max(belief.unproved, self.p.proved_m)
-        return replaced(belief, unproved=proof, off_m=belief.off_m if held else 0.0)
+        off_m = belief.off_m if held else 0.0
+        return replaced(belief, unproved=proof, found=belief.is_new, off_m=off_m)
 
     def _steer(self, normals: Floats) -> None:
         """Learn the directions of walls on the map; correct the heading by them off it."""
@@ -619,8 +626,7 @@ class Localization(Agent):
             c = widened(c, self._filter.bound.at(found.pose[2]))
             c = c if belief.off_map else confined(c, self.p.doubt_m)
             more = max(0.0, self._least_m(belief) ** 2 - float(c[0, 0] + c[1, 1]))
-            proves = belief.unconfirmed or belief.unproved > 0.0
-            turned = max(0.0, FOUND_RAD**2 - float(c[2, 2])) if proves else 0.0
+            turned = max(0.0, FOUND_RAD**2 - float(c[2, 2])) if belief.is_new else 0.0
             c = c + np.diag([0.5 * more, 0.5 * more, turned])
         self.publish(
             Correction(
@@ -652,7 +658,7 @@ class Localization(Agent):
         elif belief.off_map and not off:
             off_m = max(belief.off_m, self._filter.bound.most_m)
             self._estimate, proof = None, RETURNED * self.p.proved_m
-            self._belief = replaced(belief, off_map=False, off_m=off_m, unproved=proof)
+            self._belief = replaced(belief, off_map=False, off_m=off_m, unproved=proof, found=False)
             self.log("the robot is on the map again")
 
     def _least_m(self, belief: Localized) -> float:
@@ -661,8 +667,8 @@ class Localization(Agent):
         if self._questioned:
             return self.p.adrift_m
         if self._follows:
-            unproved = belief.off_map or belief.unproved > 0.0
-            return max(self.p.unproved_m, belief.off_m) if unproved else 0.0
+            sure = not (belief.off_map or belief.unconfirmed or belief.unproved > 0.0)
+            return 0.0 if sure else max(self.p.unproved_m, belief.off_m)
         if belief.suspect or refuted:
             # At rest no new reading can settle it: relocate makes the robot turn.
             rests = self.now - self._searches.at > UNSETTLED_S
@@ -675,7 +681,7 @@ class Localization(Agent):
             return self.p.adrift_m  # no deviation of a place tells how far off another place is
         if self._waits and (misfits or self._proves(belief)):
             return self.p.adrift_m
-        if belief.unproved > 0.0:
+        if belief.unconfirmed or belief.unproved > 0.0:
             return max(self.p.unproved_m, belief.off_m)
         return self.p.misfit_m if self._fit.bad else 0.0
 
@@ -849,7 +855,8 @@ class Localization(Agent):
         if isinstance(self._belief, Lost):
             proof = self.p.proved_m
             self._filter.require_proof(self.p.unproved_m, FOUND_RAD)
-        self._belief, self._estimate = Localized(proofs, proof, unmoved=unmoved), pose
+        self._belief = Localized(proofs, proof, found=proof > 0.0, unmoved=unmoved)
+        self._estimate = pose
         self._searches = Searches(at=self._searches.at)
         self.log(f"the robot is localized at {_place(pose)}")
 

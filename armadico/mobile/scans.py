@@ -207,6 +207,8 @@ def edge_on(places: Floats, known: Floats, eye: tuple[float, float], step: float
         eye: The laser's position there.
         step: Angle from one ray to the next, rad.
     """
+    low, high = places.min(axis=0) - AROUND_M, places.max(axis=0) + AROUND_M
+    known = known[((known >= low) & (known <= high)).all(axis=1)]
     ahead = places - eye
     away = np.maximum(np.hypot(*ahead.T), 1e-9)
     looks = ahead / away[:, None]

@@ -146,9 +146,10 @@ class Auditor:
         kind, scene = type(message), self.scene
         of_wheels = not isinstance(message, Ack) or message.resource == WHEELS.name
         if of_wheels:
-            self._arrive(kind, key, max(at, scene.now))
+            # One that is repeated shows nothing, so a stream of them is a gap.
             if isinstance(message, (*EACH_CYCLE, Truth)) and self._is_late(message):
                 return []
+            self._arrive(kind, key, max(at, scene.now))
         scene.update(at, message)
         if of_wheels and isinstance(message, EACH_CYCLE):
             self._count(message)

@@ -335,7 +335,7 @@ class Steady(Rule):
             for each in takes
             if each.epoch == ack.cycle.epoch
         ]
-        recent = [each for each in lasted if each < TAKES_S]
+        recent = [each for each in lasted if 0.0 <= each < TAKES_S]
         self.most = max(self.most, len(recent))
         if len(recent) < TAKES:
             return
@@ -385,11 +385,11 @@ class Speed(Rule):
             yield from self._orders_less(now.ordered[0], now)
 
     def _orders_less(self, v: float, now: Scene) -> Iterator[Finding]:
-        self.checked = True
         orders = self._orders.setdefault(now.who, deque(maxlen=OF_CYCLES))
         orders.append(v)
         known, least = now.cruise
         slow = sum(each < ORDERED_SHARE * known for each in orders)
+        self.checked |= slow < MOST_CYCLES
         if slow < MOST_CYCLES or _was_near(now, KEPT_S) or not self.is_new(now.who, now):
             return
         what = f"orders {max(orders):.2f} m/s on a free, long and straight path"
@@ -452,10 +452,14 @@ class Speed(Rule):
 
 
 def _near(points: Floats, about: Description) -> bool:
-    """Whether one of these places (n x 2, body frame, m) is near to the way ahead."""
-    x, y = points.T
+    """Whether one of these places (n x 2, body frame, m) is near to the way ahead.
+
+    Those within the footprint are the robot's own, such as a mast that its laser sees.
+    """
+    x, aside = points[:, 0], np.abs(points[:, 1])
     ahead = (x > -about.rear) & (x < about.front + LONG_M)
-    return bool((ahead & (np.abs(y) < about.half_width + ASIDE_M)).any())
+    own = (x < about.front) & (aside < about.half_width)
+    return bool((ahead & ~own & (aside < about.half_width + ASIDE_M)).any())
 
 
 def _was_near(now: Scene, within_s: float) -> bool:

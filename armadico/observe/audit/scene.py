@@ -155,7 +155,7 @@ class Scene:
                 if len(self.states) > STATES:
                     del self.states[next(iter(self.states))]
                 step = self.step or LATE
-                self._catches_up = max(self._catches_up - 1, step if step != 1 else 0)
+                self._catches_up = max(self._catches_up - 1, min(step, STATES) if step != 1 else 0)
                 self.publishes_orders |= message.ordered != RESTS or message.admitted != RESTS
             case Ack(resource=WHEELS.name):
                 self.ack, self.holder = message, driver(message) or ""

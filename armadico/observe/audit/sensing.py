@@ -98,8 +98,10 @@ class Changes(Rule):
             key = echo.x, echo.y, echo.bearing
             last = self._echoes.get(key)
             ahead = abs(wrap(echo.bearing)) < AHEAD_RAD
-            if last is None or not _moved(last[1], state, ahead=ahead):
-                self._echoes.setdefault(key, (echo.range, state))
+            if last is None or last[1].cycle.epoch != state.cycle.epoch:
+                self._echoes[key] = echo.range, state  # of another odometry
+                continue
+            if not _moved(last[1], state, ahead=ahead):
                 continue
             self._echoes[key] = echo.range, state
             yield from self._reads("sonar", now, same=last[0] == echo.range)
@@ -108,8 +110,10 @@ class Changes(Rule):
         state, known = now.states.get(scan.cycle), self._scan
         if state is None or not scan.packed.strip(NOTHING):
             return
-        if known is None or scan.number == known[0]:
-            self._scan = known or (scan.number, scan.packed, state)
+        if known is None or known[2].cycle.epoch != state.cycle.epoch:
+            self._scan = scan.number, scan.packed, state
+        elif scan.number == known[0]:
+            return
         elif _moved(known[2], state, ahead=True):
             self._scan = scan.number, scan.packed, state
             yield from self._reads("laser", now, same=known[1] == scan.packed)

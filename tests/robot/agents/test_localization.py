@@ -684,6 +684,30 @@ def test_a_heading_is_no_surer_than_the_place_that_is_still_to_be_proved(world: 
     assert unproved == [sqrt(one.covariance[5]) >= FOUND_RAD for one in published]
 
 
+def test_a_place_that_no_further_search_confirms_stays_unsure_however_far_it_drives(
+    world: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot, published = settled(world), []
+    monkeypatch.setattr(robot.agent, "_accept_place", lambda search: None)
+    robot.agent._set_lost("of a test")
+    assert robot.agent._estimate is not None
+    robot.agent._set_localized(robot.agent._estimate, 4)
+    for pose, motion in [*drive(START, 420)][200:]:
+        published += robot.at(pose, motion, pose)
+    assert all(deviation(one) >= Parameters().unproved_m for one in published)
+
+
+def test_a_place_that_was_known_keeps_its_heading_where_it_has_to_be_proved_again(
+    world: str,
+) -> None:
+    robot = settled(world)
+    robot.agent._belief = robot.agent._unproved(robot.agent._belief)
+    pose, motion = [*drive(START, 201)][-1]
+    (one,) = robot.at(pose, motion, pose)
+    assert deviation(one) >= Parameters().unproved_m
+    assert sqrt(one.covariance[5]) < FOUND_RAD
+
+
 @pytest.mark.long
 def test_a_place_just_found_is_proved_over_a_distance(world: str) -> None:
     parameters = Parameters(world=world, start="anywhere", proved_times=0)

@@ -334,6 +334,21 @@ def test_the_end_of_a_wall_that_a_laser_looks_along_stays_until_a_scan_would_sho
     assert not known[-1], "it is gone"
 
 
+def test_a_door_that_was_opened_while_a_laser_looked_along_it_is_forgotten() -> None:
+    """It is so near that points there do not age, and the robot stands: no ray need meet it."""
+    seen, known = Seen(jackal(720)), []
+    leaf, nothing = np.array([[0.5, 0.0, 1.3, 0.0]]), np.empty((0, 4))
+    for number in range(1, 150):
+        y = -0.6 if number < 3 else 0.0
+        walls = leaf if number < 6 else nothing
+        scan = among(walls - (0.0, y, 0.0, y), 0.0, number, tau)
+        seen.update((), scan, (0.0, y, 0.0), 0.1 * number)
+        at = seen.view(1.0).points
+        known.append(bool((np.hypot(at[:, 0] - 0.5, at[:, 1] + y) < 0.03).any()))
+    assert known[6], "a ray need not meet it"
+    assert not known[-1]
+
+
 def test_a_leg_that_walks_away_from_a_laser_leaves_nothing_behind() -> None:
     """Its places are a row along the ray, as a wall's are, but each from another scan."""
     seen, left = Seen(jackal(720)), []

@@ -766,6 +766,15 @@ def test_what_a_single_reading_showed_is_a_reason_to_be_slow_for_as_long_as_it_i
     assert (Promise.SPEED, "robot") in caps.found
 
 
+def test_what_a_sensor_sees_of_its_own_robot_is_no_reason_to_be_slow() -> None:
+    def mast(d: Drive) -> tuple[Message, ...]:
+        return (Sonar(Cycle(1, d.number), 5.0, (Echo(0.0, 0.0, 0.0, 0.1),)),)
+
+    drive = Drive().go(3, says=mast)
+    drive.go(2, v=0.0, admitted=0.0, capped="an obstacle is in the way")
+    assert (Promise.SPEED, "robot") in drive.found
+
+
 def test_an_agent_may_drive_without_a_mission() -> None:
     drive = Drive(mission=0)
     drive.end(MissionState.NONE)

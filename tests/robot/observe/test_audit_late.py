@@ -13,6 +13,7 @@ from armadico.mobile.messages import Correction, Pose, Sonar, Truth
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe.audit.auditor import Auditor
 from armadico.observe.audit.promises import Promise
+from armadico.observe.audit.sensing import Changes, Renewed
 from tests.robot.observe.test_audit import (
     DOUBTS,
     GOTO,
@@ -232,3 +233,36 @@ def test_a_truth_that_was_overtaken_counts_no_contact_twice() -> None:
     for t, contacts in ((2.0, 0), (2.2, 1), (2.1, 0), (2.3, 1)):
         drive.say(Truth(t, drive.x, 0, 0, 0, 0, contacts, 1.0, "sim"))
     assert [promise for promise, _ in drive.found] == [Promise.COLLISION]
+
+
+def test_a_base_that_goes_on_is_found_also_after_a_long_gap() -> None:
+    drive = Drive().go(2)
+    drive.number += 600
+    drive.now += 60.0
+    assert (Promise.BRAKES, "robot") in drive.go(10, ordered=0.0).found
+
+
+def test_one_message_again_and_again_is_a_gap() -> None:
+    drive = Drive(Auditor([Renewed]), ahead=(Point(3.0, 0.5),)).go(5)
+    once = next(each for _, each in reversed(drive.said) if isinstance(each, Obstacles))
+    drive.go(10)
+    stuck = drive.auditor.anew()
+    for at, each in drive.said:
+        stuck.update(at, "", once if at > 5.0 and isinstance(each, Obstacles) else each)
+    assert [each.answer for each in drive.auditor.report()] == [Answer.YES]
+    (found,) = stuck.report()
+    assert found.answer is Answer.UNKNOWN
+    assert "no Obstacles received after 5.0 s" in str(found)
+
+
+def test_readings_of_before_a_restart_are_not_of_another_place() -> None:
+    """The odometry of a new robot agent begins anew, and nothing has moved."""
+    auditor = Auditor([Changes])
+    echoes = tuple(echo(2.0, 0.1 * n) for n in range(11))
+    for epoch, x in ((1, 5.0), (2, 0.0)):
+        for number in range(1, 4):
+            cycle = Cycle(epoch, number)
+            state = RobotState(cycle, x, 0.0, 0.0, 0.0, 0.0, 12, True, False)
+            for message in (state, Sonar(cycle, 5.0, echoes)):
+                auditor.update(epoch + 0.1 * number, "", message)
+    assert auditor.findings == []
