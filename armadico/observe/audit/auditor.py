@@ -109,7 +109,7 @@ class Auditor:
         self._pauses: dict[tuple[type[Message], str], Pauses] = {}
         self._driven = False  # there was a mission, so it must have had a path
         self._held_at: float | None = None  # since an agent was obeyed, it must have commanded
-        self._newest: dict[tuple[type[Message], str], EachCycle | Truth] = {}  # by kind and sensor
+        self._newest: dict[tuple[type[Message], str, str], EachCycle | Truth] = {}
         # Of a kind the newest cycle, and how many were received and passed from the first to it.
         self._counts: dict[type[Message], tuple[Cycle, int, int]] = {}
         self._lasted_s = 0.0  # from the first state to the last, by the observer's clock
@@ -147,7 +147,7 @@ class Auditor:
         of_wheels = not isinstance(message, Ack) or message.resource == WHEELS.name
         if of_wheels:
             # One that is repeated shows nothing, so a stream of them is a gap.
-            if isinstance(message, (*EACH_CYCLE, Truth)) and self._is_late(message):
+            if isinstance(message, (*EACH_CYCLE, Truth)) and self._is_late(key, message):
                 return []
             self._arrive(kind, key, max(at, scene.now))
         scene.update(at, message)
@@ -186,9 +186,9 @@ class Auditor:
             self._pauses[by].add(at)
         self._seen.add(kind)
 
-    def _is_late(self, message: EachCycle | Truth) -> bool:
+    def _is_late(self, key: str, message: EachCycle | Truth) -> bool:
         """Whether it repeats the newest of its kind, or came after it, and shows no present."""
-        by = type(message), message.sensor if isinstance(message, Obstacles) else ""
+        by = type(message), key, message.sensor if isinstance(message, Obstacles) else ""
         newest = self._newest.get(by)
         if newest is not None:
             behind = _behind(newest, message)

@@ -207,7 +207,7 @@ def test_a_base_that_does_otherwise_is_named_and_has_touched_nothing(
     arrives: bool,
 ) -> None:
     robot = rclpy_robot(*oddity)
-    for _ in range(4):
+    for _ in range(10):
         code, result, log = drive(room)
         if "deaf base" not in log or "deaf base" in text:
             break  # else it counted as deaf before DDS had announced its subscription
