@@ -42,6 +42,7 @@ from armadico.mobile.driven import Event, Stage, following
 from armadico.mobile.geometry import relative, wrap
 from armadico.mobile.messages import (
     CANCELLED,
+    INSTEAD,
     NO_POSE,
     UNGUARDED,
     WAYPOINTS,
@@ -407,7 +408,7 @@ class Interface(Agent):
             self._on(Event.FAILED if peoples else Event.ENDED)
             holder = self.owner(TRAJECTORY).obeyed
             by = "another agent" if holder is None else holder.instance
-            self._note = line(f"another way is driven instead, for {by}")
+            self._note = line(f"{INSTEAD}, for {by}")
             self._publish_status()
         route = Route(action.waypoints, action.start, action.leg, action.unseen)
         holder = self.owner(TRAJECTORY).obeyed

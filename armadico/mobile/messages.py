@@ -537,6 +537,7 @@ class MissionState(StrEnum):
 
 CANCELLED: Final = "cancelled by "  # how `MissionStatus.note` of a cancelled goal begins; then, who
 UNGUARDED: Final = "nobody watches it: "  # likewise, of one without its guard (`Terms`)
+INSTEAD: Final = "another way is driven instead"  # likewise, of one of people, for an agent
 
 NO_POSE: Final = "the robot's pose is not known: no fresh encoder/pose"  # `MissionStatus.refused`
 

@@ -10,6 +10,7 @@ from armadico.core.judgement import Answer
 from armadico.core.messages import RobotState
 from armadico.mobile.messages import (
     CANCELLED,
+    INSTEAD,
     NO_POSE,
     UNGUARDED,
     MissionState,
@@ -78,6 +79,10 @@ class Failed(Rule):
     def _judge(self, status: MissionStatus, now: Scene) -> Iterator[Finding]:
         if status.note.startswith((CANCELLED, UNGUARDED)):
             what = "a mission ended as cancelled; who asked for that is not published"
+            yield self.found(now, "interface", what, status.note, Answer.UNKNOWN)
+            return
+        if status.note.startswith(INSTEAD):  # that way comes only after the end of this mission
+            what = "a mission ended for another agent's way, which was not seen before"
             yield self.found(now, "interface", what, status.note, Answer.UNKNOWN)
             return
         first, self._judged, self.checked = not self._judged, True, True

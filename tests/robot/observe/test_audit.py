@@ -921,7 +921,12 @@ def test_a_mission_may_fail_for_a_cause_that_was_seen(cause: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "note", ["cancelled by ann", "nobody watches it: no agent assistant is alive"]
+    "note",
+    [
+        "cancelled by ann",
+        "nobody watches it: no agent assistant is alive",
+        "another way is driven instead, for battery-charger-1",
+    ],
 )
 def test_a_cancelled_goal_is_no_failure_without_a_cause_and_unknown(note: str) -> None:
     drive = Drive().go(5)
