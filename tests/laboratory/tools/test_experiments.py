@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 from contextlib import closing
@@ -36,6 +37,7 @@ from armadico_tools.experiments.floor_plans import (
     passable,
     save,
 )
+from armadico_tools.experiments.lifted import LIFTED, Lift
 from armadico_tools.experiments.made_worlds import DISC_M, MADE, made
 from armadico_tools.experiments.runner import Context, Experiment, Part, driven
 from armadico_tools.experiments.tables import compare
@@ -573,3 +575,15 @@ def test_a_folder_has_the_conditions_of_its_runs(tmp_path: Path) -> None:
     assert found[SC1.name]["mode"] == "virtual"
     assert "gothrough" not in found[SC1.name]["agents"]
     assert found[SC1.name]["software"]["source"] == made.software.source
+
+
+def _found_at_once(task: tuple[Cell, int]) -> Lift:
+    cell, seed = task
+    return Lift(cell.name, seed, 9.0, 1.0, 0.0, 0.0, 0, 0, 0.01)
+
+
+def test_an_experiment_whose_rows_are_no_runs_ends_with_its_table(tmp_path: Path) -> None:
+    run = context(tmp_path)
+    part = dataclasses.replace(LIFTED.parts[0], measure=_found_at_once)
+    run.run(dataclasses.replace(LIFTED, parts=(part,)), "Lifted")
+    assert "9.0" in (tmp_path / "table.md").read_text(encoding="utf-8")

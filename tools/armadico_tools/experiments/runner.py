@@ -162,7 +162,7 @@ class Context:
             self.found[part.name] = found
             if part.rows is not None:
                 self.rows(part.name, *part.rows(found))
-        if self.cells:
+        if self.cells and "runs" in self.found:
             self.summary |= {name: outcome(samples) for name, samples in self.samples.items()}
         reported = experiment.report(self)  # it may add to `lacking`
         note = "\n\n".join(filter(None, [experiment.note, *(f"**{x}.**" for x in self.lacking)]))
