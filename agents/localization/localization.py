@@ -234,7 +234,12 @@ class Localized:
     @property
     def is_new(self) -> bool:
         """Whether a search found this place, and it is still to be confirmed or proved."""
-        return self.found and not self.off_map and bool(self.unconfirmed or self.unproved > 0.0)
+        return self.found and not self.off_map and not self.is_proved
+
+    @property
+    def is_proved(self) -> bool:
+        """Whether nothing is left that has to confirm or prove this place."""
+        return self.unconfirmed == 0 and self.unproved <= 0.0
 
 
 @dataclass(frozen=True)
@@ -667,7 +672,7 @@ class Localization(Agent):
         if self._questioned:
             return self.p.adrift_m
         if self._follows:
-            sure = not (belief.off_map or belief.unconfirmed or belief.unproved > 0.0)
+            sure = belief.is_proved and not belief.off_map
             return 0.0 if sure else max(self.p.unproved_m, belief.off_m)
         if belief.suspect or refuted:
             # At rest no new reading can settle it: relocate makes the robot turn.
@@ -681,7 +686,7 @@ class Localization(Agent):
             return self.p.adrift_m  # no deviation of a place tells how far off another place is
         if self._waits and (misfits or self._proves(belief)):
             return self.p.adrift_m
-        if belief.unconfirmed or belief.unproved > 0.0:
+        if not belief.is_proved:
             return max(self.p.unproved_m, belief.off_m)
         return self.p.misfit_m if self._fit.bad else 0.0
 

@@ -29,7 +29,7 @@ from armadico.mobile.messages import MapRequest, OccupancyGrid, Pose
 from armadico.observe.measures import REACHED_M
 from armadico.runtime.errors import SocietyError
 from armadico_tools.experiments.driving import counted
-from armadico_tools.experiments.floor_plans import floor_plan, save
+from armadico_tools.experiments.floor_plans import plan_of
 from armadico_tools.experiments.runner import Context, Experiment, Part
 from armadico_tools.markdown import table
 
@@ -265,12 +265,6 @@ def _share(some: NDArray[np.bool_], every: NDArray[np.bool_]) -> float:
 
 
 # The experiment -----------------------------------------------------------------------------------
-
-
-def plan_of(task: tuple[Path, int]) -> Path:
-    """Write the floor plan of a seed. Returns the scenario's file."""
-    folder, seed = task
-    return save(floor_plan(seed), folder)
 
 
 def _plans(context: Context) -> list[tuple[Path, int]]:

@@ -76,6 +76,12 @@ def save(plan: FloorPlan, folder: Path) -> Path:
     return path
 
 
+def plan_of(task: tuple[Path, int]) -> Path:
+    """Write the plan of a seed into a folder. Returns the scenario's file."""
+    folder, seed = task
+    return save(floor_plan(seed), folder)
+
+
 def _degrees(pose: Pose) -> list[float]:
     return [pose[0], pose[1], round(pose[2] * 180.0 / pi, 1)]
 

@@ -9,7 +9,7 @@ from typing import Final
 from msgspec.structs import replace
 
 from armadico_tools.experiments.driving import LOCALIZING, Cell, drive
-from armadico_tools.experiments.floor_plans import floor_plan, save
+from armadico_tools.experiments.floor_plans import plan_of
 from armadico_tools.experiments.runner import Context, Experiment, Part
 from armadico_tools.experiments.tables import spread
 from armadico_tools.markdown import table
@@ -31,12 +31,6 @@ GATED: Final = tuple(
     for robot in ("pioneer-2dx", "jackal", "turtlebot4")
 )
 OPEN: Final = "no-gate"
-
-
-def plan_of(task: tuple[Path, int]) -> Path:
-    """Write the plan of a seed. Returns the scenario's file."""
-    folder, seed = task
-    return save(floor_plan(seed), folder)
 
 
 def _tasks(context: Context) -> list[tuple[Path, int]]:
