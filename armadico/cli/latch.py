@@ -14,6 +14,9 @@ from armadico.mesh.topology import TopologyError
 if TYPE_CHECKING:
     from armadico.mesh.sockets import Stopped
 
+LATE_S: Final = 2.0
+"""So long a guard is asked what it did, after the robot agent has not confirmed the stop."""
+
 REPAIR: Final = "Look at the robot; `armadico why --live` tells more"
 
 TIMEOUT_S: Final = 5.0
@@ -79,7 +82,8 @@ def latch(args: Options, *, stopped: bool, code: str | None = None) -> int:
                 client.resume(args.timeout, by="armadico resume", code=code)
         except AbsentError:
             if told is not None and not told.latched:
-                guard = guard_now(args.mesh.namespace) or guard  # a busy one answers late
+                # A busy one answers late.
+                guard = guard_now(args.mesh.namespace, min(args.timeout, LATE_S)) or guard
             if guard is not None and guard.word == "holds":
                 raise options.UnknownError(
                     f"{guard.did}; the robot agent (process {guard.agent}) has not confirmed the"

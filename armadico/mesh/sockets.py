@@ -234,9 +234,14 @@ _DID: Final = {
 }
 
 
-def guard_now(namespace: str) -> Guard | None:
-    """Ask the guard of a robot on this computer; None: there is none, or it does not answer."""
+def guard_now(namespace: str, within: float = _ANSWER_S) -> Guard | None:
+    """Ask the guard of a robot on this computer.
+
+    None: there is none, or it does not answer within so long, s.
+    """
     with _guard_line(namespace) as line:
+        if line is not None:
+            line.settimeout(within)
         return _answer(line, b"?")
 
 

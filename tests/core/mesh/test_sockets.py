@@ -10,6 +10,7 @@ import socket
 import stat
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -24,6 +25,7 @@ from armadico.mesh.sockets import (
     elsewhere,
     endpoint,
     folder,
+    guard_now,
     guard_of,
     holder,
     identity,
@@ -287,6 +289,27 @@ def test_the_command_stops_a_robot_before_python_starts_only_if_its_words_are_ce
     assert ended == {
         name: -signal.SIGUSR1 if name == stopped else -signal.SIGTERM for name in names
     }
+
+
+def test_a_guard_on_a_busy_computer_answers_late_and_is_heard(base: Path) -> None:
+    place = guard_of("robot1")
+    place.parent.mkdir(exist_ok=True)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as guard:
+        guard.bind(str(place))
+        assert guard_now("robot1", within=0.01) is None  # this question is answered to nobody
+        guard.recvfrom(64)
+
+        def answer() -> None:
+            _, asker = guard.recvfrom(64)
+            threading.Event().wait(0.5)  # longer than the usual patience
+            guard.sendto(b"holds 7 8", asker)
+
+        late = threading.Thread(target=answer)
+        late.start()
+        try:
+            assert guard_now("robot1", within=60.0) == ("holds", 7, 8)
+        finally:
+            late.join()
 
 
 def test_the_command_signals_no_process_that_has_the_pid_of_an_ended_one(base: Path) -> None:
