@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -10,8 +11,10 @@ from pathlib import Path
 import psutil
 import pytest
 
-from armadico.mesh.sockets import folder
+from armadico.mesh.sockets import folder, guard_now
 from tests.programs import SOON, Start, call, starter
+
+from .conftest import NAMESPACE
 
 pytestmark = [pytest.mark.live, pytest.mark.long]
 
@@ -85,6 +88,9 @@ def test_what_a_command_does_not_see_is_said_and_is_no_success(
     assert "is up" in up.stdout.readline()
     children = psutil.Process(up.pid).children(recursive=True)
     if part:
+        deadline = time.monotonic() + SOON
+        while guard_now(NAMESPACE) is None:  # a starved one is being replaced
+            assert time.monotonic() < deadline, "the line has no guard"
         up.send_signal(signal.SIGSTOP)  # it restarts nothing
         for process in children:
             with suppress(psutil.NoSuchProcess):  # a worker of the start has ended since
