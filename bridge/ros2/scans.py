@@ -7,6 +7,7 @@ clockwise, and turn more than once around.
 
 from __future__ import annotations
 
+from collections import deque
 from math import degrees, inf, isfinite, nan
 
 import numpy as np
@@ -28,6 +29,11 @@ SLACK_RAYS, SLACK = 2.0, 0.01
 LONGEST_TURNS = 1.5
 """A scan that took longer than so many turns of the laser has wrong times: they are not used."""
 
+REPEATED = 10
+"""While the robot moves, a scan with the ranges of one of so many before it is no new scan,
+whatever its stamp: the laser is frozen. Its scans would show that the robot stands. Chosen: the
+laser of the fault bed repeats one or five."""
+
 STANDING = 1e-3
 """A robot that moves by less than this, m and rad, during a scan: it is not corrected."""
 
@@ -42,6 +48,8 @@ class Scans:
         self._stamp, self._count = 0.0, 0
         self._at = 0.0  # when the newest scan was complete
         self._swept: Swept | None = None
+        self._ranges: deque[bytes] = deque(maxlen=REPEATED)  # of the newest scans
+        self._accepted = 0.0  # the stamp of the newest
 
     def begin(self) -> None:
         """Discard the newest scan."""
@@ -77,18 +85,26 @@ class Scans:
             raise UnusableScanError(
                 f"its scans are {where} the odometry, by {abs(age):.3g} s: do the clocks agree?"
             )
-        self._count += 1
         return decode(types.LaserScan, payload)
 
     def accept(self, scan: types.LaserScan, mount: Mount, trail: Trail) -> None:
         """Use a scan of the laser with this mount. Raises ValueError if it is implausible.
 
-        It is corrected for the robot's motion, to the time when the scan was complete.
+        It is corrected for the robot's motion, to the time when the scan was complete. A repeated
+        scan keeps its number.
         """
         if mount.tilt > LEVEL_RAD:
             tilt = f"{degrees(mount.tilt):.0f} deg out of the level"
             raise ValueError(f"its frame {scan.header.frame_id} is tilted, {tilt}")
         found = swept(scan, self.laser, mount, self._count)
+        ranges, since = found.ranges.tobytes(), self._accepted
+        self._accepted = self._stamp
+        moves = np.abs(trail.moved([since], self._stamp)).max() >= STANDING
+        if not (moves and ranges in self._ranges):
+            self._count += 1
+            found = replace(found, number=self._count)
+        if ((found.least <= found.ranges) & (found.ranges < found.most)).any():
+            self._ranges.append(ranges)  # scans without an echo are alike
         lasts = float(scan.time_increment) * (len(found.ranges) - 1)
         if isfinite(lasts) and 0.0 < lasts <= LONGEST_TURNS / self.laser.rate_hz:
             if self.laser.stamped == "first":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import inf, nan, radians
+from math import hypot, inf, nan, radians
 from pathlib import Path
 from typing import ClassVar
 
@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from armadico.bridge.simulator.broken import Broken
 from armadico.bridge.simulator.plant import Plant
 from armadico.bridge.simulator.simulated import SimulatedRobot
 from armadico.config.scenarios import Scenario, ideal, load_scenario
@@ -19,7 +20,7 @@ from armadico.core.agent import Agent
 from armadico.core.messages import Log, RobotState
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
-from armadico.mobile.messages import Scan, Truth
+from armadico.mobile.messages import Pose, Scan, Truth
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.scans import message_of
 from armadico.observe.measures import Result
@@ -174,6 +175,22 @@ def test_a_laser_that_stops_stops_the_robot() -> None:
     drive.on(2.5)
     assert abs(drive.speed) < 0.01
     assert any("reading of the laser" in text for text in drive.logs())
+
+
+def test_a_frozen_laser_does_not_hold_the_pose_back() -> None:
+    options = Options(seed=1)
+    scenario = prepared(load_scenario("rooms-b"), options, profile=BURGER)
+    drive = Driven(Rehearsal(scenario, options), Pose, Truth)
+    robot = drive.run.robot
+    assert isinstance(robot, SimulatedRobot)
+    drive.begin().let_pass(20.0)
+    robot.plant.laser_readings.fail(Broken.FROZEN)
+    since = drive.mesh.now
+    drive.let_pass(4.0)
+    began, *_, truth = drive.of(Truth, since)
+    pose = drive.last(Pose)
+    assert hypot(truth.x - began.x, truth.y - began.y) > 0.5, "it drives on"
+    assert hypot(pose.x - truth.x, pose.y - truth.y) < 0.1
 
 
 @pytest.mark.long
