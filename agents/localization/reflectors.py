@@ -75,6 +75,10 @@ right-angled corner the walls are nearer by at most this share, and a ray ends u
 the grid before a wall."""
 
 
+WALL_SLACK_M: Final = 0.5 * CELL_M
+"""A wall's foot is on it up to this distance beyond its end: cells are coarse."""
+
+
 class Reflectors(NamedTuple):
     """Walls, corners and edges, one column per field; points have no direction and no length."""
 
@@ -183,7 +187,8 @@ def reception(
     for begin in range(0, count, BATCH):
         part = slice(begin, begin + BATCH)
         rows = table[begin * HEADINGS : (begin + BATCH) * HEADINGS]
-        _fill_table(reflectors, near.which[part], near.distances[part], near.bearings[part], rows)
+        of_part = _Nearest(near.which[part], near.distances[part], near.bearings[part])
+        _fill_table(reflectors, of_part, reach_m, rows)
         walls = beside(np.minimum, square[part], round(0.5 * cone_rad / (tau / HEADINGS)))
         rows["wall_mm"][: walls.size] = np.rint(1e3 * walls).ravel()
     table["wall_mm"][-HEADINGS:] = np.rint(1e3 * np.float32(reach_m))
@@ -214,8 +219,7 @@ def _nearest(
     )
     end_x = reflectors.x + reflectors.along_x * reflectors.length
     end_y = reflectors.y + reflectors.along_y * reflectors.length
-    slack = np.float32(0.5 * CELL_M)
-    longer = reflectors._replace(length=reflectors.length + slack)
+    longer = reflectors._replace(length=reflectors.length + np.float32(WALL_SLACK_M))
     columns = np.stack(longer).astype(np.float64)  # the precision of what is computed from them
     west, east = np.sort([reflectors.x, end_x], axis=0).astype(np.float64)
     south, north = np.sort([reflectors.y, end_y], axis=0).astype(np.float64)
@@ -291,29 +295,56 @@ def _seen(
     turned = bearing + np.float32(pi) - r.bearing.take(one)
     turned += np.float32(tau) * (turned < 0.0)
     seen &= turned < r.width.take(one)
+    points = np.flatnonzero(seen & (r.length.take(one) <= WALL_SLACK_M))
+    at_x, at_y = x[place[points], 0], y[place[points], 0]
+    seen[points] = _in_sight(r, at_x, at_y, to_x[points], to_y[points])
     distances, bearings = np.full_like(foot, np.inf), np.zeros_like(foot)
     np.put(distances, pairs, np.where(seen, distance, np.inf))
     np.put(bearings, pairs, bearing)
     return distances, bearings
 
 
+def _in_sight(
+    r: Reflectors, x: Floats, y: Floats, far_x: NDArray[np.float64], far_y: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Whether no wall is between places and points `far_x`, `far_y` (m) from them, (pairs,)."""
+    walls = np.flatnonzero(r.length > WALL_SLACK_M)
+    begin_x, begin_y, length = r.x[walls], r.y[walls], r.length[walls] - WALL_SLACK_M
+    end_x, end_y = begin_x + r.along_x[walls] * length, begin_y + r.along_y[walls] * length
+    lines = np.column_stack([far_x, far_y, far_y * x - far_x * y])
+    ones = np.ones_like(length)
+    begins = lines @ np.stack(
+        [begin_y, -begin_x, ones]
+    )  # (pairs, walls): on which side of the line
+    ends = lines @ np.stack([end_y, -end_x, ones])
+    pair, one = np.nonzero(begins * ends <= 0.0)
+    # Where on the line to the point the wall is; its own walls end there.
+    before, after = begins[pair, one], ends[pair, one]
+    share = before / np.where(before == after, 1.0, before - after)  # 0: along the wall
+    at_x = begin_x[one] + share * (end_x - begin_x)[one] - x[pair]
+    at_y = begin_y[one] + share * (end_y - begin_y)[one] - y[pair]
+    away = np.hypot(far_x, far_y)
+    way = (at_x * far_x[pair] + at_y * far_y[pair]) / away[pair]
+    seen = np.ones(len(x), dtype=np.bool_)
+    seen[pair[(way > 0.0) & (way < away[pair] - JOINT_M)]] = False
+    return seen
+
+
 def _fill_table(
-    reflectors: Reflectors,
-    which: NDArray[np.int32],
-    distances: Floats,
-    bearings: Floats,
-    table: NDArray[np.void],
+    reflectors: Reflectors, near: _Nearest, reach_m: float, table: NDArray[np.void]
 ) -> None:
     """Fill in the likeliest reflectors, nearest first: a reflector hides those behind it.
 
-    `which` (cells, NEAREST) are those in sight of each cell, padded with the silent one, at their
-    distances (m) and bearings (rad). The table gets a `ROW` for each cell and heading.
+    `near` are those in sight of each cell, padded with the silent one at distance 0. At `reach_m`
+    half of a cell is near enough for an echo. The table gets a `ROW` for each cell and heading.
     """
-    which, distances, bearings = which.T, distances.T, bearings.T
+    which, distances, bearings = near.which.T, near.distances.T, near.bearings.T
     cells = which.shape[1]
     answers = reflectors.chance[which] * np.minimum(
         1.0, reflectors.fades_m[which] / np.maximum(distances, np.float32(0.01))
     )
+    within = (np.float32(reach_m) - distances) / np.float32(CELL_M) + np.float32(0.5)
+    answers *= np.minimum(np.maximum(within, np.float32(0.0)), np.float32(1.0))
     middle = np.rint(bearings * np.float32(HEADINGS / tau)).astype(np.int32)
     around = np.arange(-AROUND, AROUND + 1, dtype=np.int32)
     off = (bearings - middle * np.float32(tau / HEADINGS))[:, :, None]
