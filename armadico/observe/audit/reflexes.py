@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
-from math import copysign
+from math import copysign, dist, hypot
 from typing import Final
 
 from armadico.bridge.reflex import Reflex
-from armadico.bridge.seen import KEPT_S, LATELY_S
+from armadico.bridge.seen import KEPT_S, LATELY_S, NEAR_M
 from armadico.config.profile import load_profile
 from armadico.core.config_errors import ConfigError
 from armadico.core.messages import Cycle, Description, RobotState, Twist
@@ -23,7 +23,7 @@ WAITS: Final = 3
 
 LEARNS_S: Final = LATELY_S + 1.0
 """What the robot agent knows to be free is at most so old, s, with a margin. Until then, and after
-a gap, it knows what the auditor does not. Obstacles it knows for longer, `KEPT_S`."""
+a gap, it knows what the auditor does not."""
 
 OFF_M_S, OFF_RAD_S = 0.1, 0.2
 """Speeds that differ by more from what the reflex admits differ by more than its search's step, or
@@ -43,6 +43,10 @@ class Reflexes(Rule):
 
     The reflex is a function of what is published: readings, odometry and orders (`bridge.reflex`).
     So the auditor applies it, too. `Earned` judges by braking distances alone, which forbid less.
+
+    What the robot agent sensed beside itself it remembers for as long as it stays beside it. An
+    auditor that did not receive its first readings thus calls no speed too low until the robot has
+    left that place. A gap in the readings erases nothing, neither there nor here.
     """
 
     promise = Promise.EARNED
@@ -56,6 +60,9 @@ class Reflexes(Rule):
         self._states: deque[RobotState] = deque(maxlen=WAITS + 1)
         self._read: dict[Cycle, tuple[Sonar | None, Scan | None]] = {}
         self._learnt_s = 0.0
+        self._recalls = False  # all that the robot agent may remember
+        self._first: Cycle | None = None  # of those that were received
+        self._beside: tuple[float, float] | None = None  # where it may remember older obstacles
         self._over: deque[bool] = deque(maxlen=OF_ORDERS)
         self._under: deque[bool] = deque(maxlen=OF_ORDERS)
         self._unknown = ""
@@ -94,10 +101,9 @@ class Reflexes(Rule):
         if len(states) <= WAITS:
             return
         here, then = states[0], states[1]
+        self._recall(here, about)
         if not self._update(here, about):
-            self.checked = True
-            if self._learnt_s:
-                self._begin(about)
+            self.checked, self._learnt_s = True, 0.0
             return
         if then.ordered == Twist(0.0, 0.0) or self._learnt_s < LEARNS_S:
             return
@@ -110,15 +116,26 @@ class Reflexes(Rule):
         self._states.clear()
         self._read.clear()
         self._learnt_s = 0.0
+        self._recalls, self._first, self._beside = False, None, None
+
+    def _recall(self, here: RobotState, about: Description) -> None:
+        """Note whether all that the robot agent may remember came since the first cycle."""
+        first = self._first = self._first or here.cycle
+        if self._recalls or first.number <= WAITS:  # the robot agent began then
+            self._recalls = True
+            return
+        if (here.cycle.number - first.number) * about.cycle_s < KEPT_S:
+            return
+        # From now on what came before is remembered only while it is beside the robot.
+        x, y = self._beside = self._beside or (here.x, here.y)
+        reach = hypot(max(about.front, about.rear) + NEAR_M, about.half_width + NEAR_M)
+        self._recalls = dist((x, y), (here.x, here.y)) > 2.0 * reach
 
     def _update(self, here: RobotState, about: Description) -> bool:
         """Add a cycle, as the robot agent does; False if readings of it were not received."""
         sonar, scan = self._read.pop(here.cycle, (None, None))
-        if any({"sonar": sonar, "laser": scan}.get(name, here) is None for name in about.sensors):
-            return False
         for cycle in [each for each in self._read if each.number < here.cycle.number]:
             del self._read[cycle]
-        self._learnt_s += about.cycle_s
         for reflex, clock in zip(self._reflexes, CLOCKS, strict=True):
             reflex.update(
                 () if sonar is None else sonar.echoes,
@@ -128,7 +145,9 @@ class Reflexes(Rule):
                 scan,
                 (here.admitted.v, here.admitted.w),
             )
-        return True
+        self._learnt_s += about.cycle_s
+        read = {"sonar": sonar, "laser": scan}
+        return all(read.get(name, here) is not None for name in about.sensors)
 
     def _judge(self, here: RobotState, then: RobotState, now: Scene) -> Iterator[Finding]:
         assert now.description is not None, "it is described"
@@ -144,7 +163,7 @@ class Reflexes(Rule):
             under = under and obeyed_v < may_v - OFF_M_S
             if not (over or under):
                 break
-        under = under and self._learnt_s > KEPT_S and not (here.stalled or then.stalled)
+        under = under and self._recalls and not (here.stalled or then.stalled)
         self._over.append(over)
         self._under.append(under)
         self.checked = self._judged = True

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from math import cos, inf, pi, sin
 
 import pytest
+from msgspec import structs
 
 from armadico.bridge.reflex import Reflex
 from armadico.config.profile import load_profile
@@ -105,6 +106,58 @@ def test_readings_that_are_not_received_accuse_no_reflex(received: int) -> None:
     (found,) = auditor.report()
     assert found.answer is Answer.UNKNOWN
     assert "Sonar" in found.what
+
+
+def after_an_echo(
+    reflex_caps: bool, since: int = 0, silent: range = range(0), drives: range = range(0)
+) -> list[Promise]:
+    """What is found of a robot that is ordered ahead 20 s after it sensed something there.
+
+    Its sonars ahead have read nothing since. Without its reflex it stands. The auditor receives
+    messages from cycle `since` on. No sonar fires in the cycles `silent`. In `drives` the robot
+    goes ahead by 0.05 m each, with all sonars, and its reflex is not asked.
+    """
+    ring = load_profile(ROBOT).sonar.sonars  # type: ignore[union-attr]
+    about = structs.replace(described(), sensors=("sonar",))
+    auditor, reflex = Auditor([Reflexes], v_max=inf), Reflex(load_profile(ROBOT))
+    ordered, admitted, x = NOT_DRIVEN, NOT_DRIVEN, 0.0
+    for number in range(1, 300):
+        now, moved = 0.1 * number, number in drives
+        x += 0.05 * moved
+        first = number < 5
+        echoes = tuple(
+            Echo(*each.place, 0.12 if first and abs(each.place[2]) < 0.3 else None)
+            for each in ring
+            if first or moved or abs(each.place[2]) > 1.0
+        )
+        echoes = () if number in silent else echoes
+        said: list[Message] = [about, state(number, (x, 0.0, 0.0), (0.0, 0.0), ordered, admitted)]
+        said += [Sonar(Cycle(1, number), 5.0, echoes)] if echoes else []
+        for message in said if number >= since else ():
+            auditor.update(now, "", message)
+        reflex.update(echoes, (x, 0.0, 0.0), (0.0, 0.0), now, None, (admitted.v, 0.0))
+        if number > 220:
+            ordered = Twist(0.3, 0.0)
+            admitted = Twist(*reflex.cap(0.3, 0.0)) if reflex_caps else NOT_DRIVEN
+    return [each.promise for each in auditor.findings]
+
+
+@pytest.mark.parametrize("since", [1, 60])
+@pytest.mark.parametrize("silent", [range(0), range(70, 76)])
+def test_what_the_reflex_remembers_beside_the_robot_holds_it_back_with_reason(
+    since: int, silent: range
+) -> None:
+    assert after_an_echo(reflex_caps=True, since=since, silent=silent) == []
+
+
+@pytest.mark.parametrize(
+    ("since", "silent"), [(1, range(0)), (1, range(70, 76)), (60, range(0)), (60, range(70, 76))]
+)
+def test_a_robot_that_has_left_what_it_remembers_is_held_back_without_reason(
+    since: int, silent: range
+) -> None:
+    away = range(160, 210)
+    assert after_an_echo(False, since, silent, away) == [Promise.SPEED]
 
 
 def test_the_reflex_of_a_robot_without_a_profile_at_hand_is_unknown() -> None:
