@@ -55,19 +55,24 @@ class Queries:
         over: Callable[[], None],
         namespace: str = DEFAULT_NAMESPACE,
     ) -> None:
-        """Send a query to all that answer on a key, or on the keys of a pattern."""
+        """Send a query to all that answer on a key, or on the keys of a pattern.
+
+        A client outside the society is linked to its router, as a command-line tool is.
+        """
         self._last += 1
         number, source, waits = self._last, CLIENT if client is None else client, 0
+        star = self._mesh.star
         shared = sendable(request)
         if isinstance(shared, str):
             if client is not None:
                 client.unsent(key, shared)
         elif client is None or not client.lost:
             for place in self._mesh.others(client, namespace):
-                unknown = client is not None and not self._mesh.star.knows(client, place)
-                for one in () if place.lost or unknown else place.queryables(key):
+                known = not place.lost and star.knows(client, place)
+                for one in place.queryables(key) if known else ():
                     waits += 1
-                    self._mesh.later(source, place, place.on_query, one, (key, shared, number))
+                    if client is not None or star.serves(place):
+                        self._mesh.later(source, place, place.on_query, one, (key, shared, number))
         self._waiting[number] = Query(client, waits, each, over)
         self._mesh.call_at(self._mesh.now + (timeout if waits else 0.0), self._over, number)
 
@@ -81,7 +86,7 @@ class Queries:
                 self._mesh.later(place, query.client, self._replied, number, (key, shared))
                 return
             at = self._mesh.link(place.address, CLIENT).arrival(self._mesh.now)
-            if at is not None:
+            if at is not None and self._mesh.star.serves(place, back=True):
                 self._mesh.call_at(at, self._replied, number, (key, shared))
 
     def _replied(self, number: int, what: tuple[str, Message]) -> None:

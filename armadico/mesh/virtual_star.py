@@ -37,9 +37,22 @@ class Star:
         """Return whether a place is linked to a router, is one, or needs none."""
         return place.uplink is not place or self._routers.get(place.namespace) is place
 
-    def knows(self, place: Place, other: Place) -> bool:
-        """Return whether a place sees another of its namespace by their routers."""
-        return not self.troubled or place.uplink is other.uplink
+    def knows(self, place: Place | None, other: Place) -> bool:
+        """Return whether a place sees another of its namespace by their routers.
+
+        None: a client outside the society, of the router of the other place.
+        """
+        uplink = self._routers.get(other.namespace) if place is None else place.uplink
+        return not self.troubled or uplink is other.uplink
+
+    def serves(self, place: Place, *, back: bool = False) -> bool:
+        """Return whether a client of its router reaches a place, or `back` the place the client."""
+        router = self._routers.get(place.namespace)
+        if not self.troubled or router is None or router is place:
+            return True
+        way = (place, router) if back else (router, place)
+        linked = router.alive and place.uplink is router
+        return linked and self._mesh.link(way[0].address, way[1].address).up
 
     def is_link(self, way: Way) -> bool:
         """Return whether two addresses are linked directly, and not only by routers."""

@@ -18,7 +18,7 @@ from armadico.mesh.topology import DEFAULT_NAMESPACE
 from armadico.mesh.virtual import LEASE, LIVELINESS, RECONNECT, Node, VirtualMesh
 from armadico.mobile.messages import Plan, Pose
 
-from .test_virtual_mesh import Asker, Listener, Planner, Word, status
+from .test_virtual_mesh import REQUEST, Asker, Listener, Planner, Word, status
 
 SOON = 0.05
 """s; longer than any message takes."""
@@ -278,6 +278,30 @@ def test_a_query_waits_in_a_router_that_hangs_and_one_without_a_router_ends_at_o
 
 
 # A cut between an agent and the router ------------------------------------------------------------
+
+
+@pytest.mark.parametrize("back", [False, True])
+def test_a_query_from_outside_the_society_passes_its_router(back: bool) -> None:
+    world = World()
+    world.start("planner", Planner)
+    world.run(0.1)
+    got: list[m.Message | None] = []
+    way = (["planner"], ["robot"]) if back else (["robot"], ["planner"])
+    world.mesh.cut(*way)
+    world.mesh.query(REQUEST, got.append, timeout=1.0)
+    world.run(0.5)
+    assert got == [], "the planner is not reached, or its reply is lost"
+    world.run(0.6)
+    assert got == [None]
+    world.mesh.heal(*way)
+    world.mesh.query(REQUEST, got.append)
+    world.run(SOON)
+    assert got[1:] == [Plan((), 1.0)]
+    world.nodes["robot"].kill()
+    world.run(SOON)
+    world.mesh.query(REQUEST, got.append)
+    world.run(SOON)
+    assert got[2:] == [None], "without a router there is no receiver"
 
 
 def test_an_agent_that_is_cut_from_the_router_for_the_lease_is_cut_off_and_comes_back() -> None:

@@ -38,6 +38,7 @@ from armadico_tools.faults.fault_types import KINDS, Promise, voided
 from armadico_tools.faults.monitored import Monitored
 from armadico_tools.faults.observations import (
     Arrived,
+    Asked,
     Bids,
     Denied,
     Faulted,
@@ -808,10 +809,30 @@ def test_one_that_is_reached_need_not_be_reached_again(story: Story) -> None:
 
 @pytest.mark.parametrize(("for_s", "broken"), [(1.9, []), (2.2, [Promise.ARRIVES])])
 def test_a_mission_is_not_forgotten(story: Story, for_s: float, broken: list[Promise]) -> None:
-    story.cycles(5)
+    story.cycles(20)
+    story.publish(MissionStatus(1, MissionState.DRIVING, 3.0))
+    forgets(story, for_s)
+    assert story.broken() == broken
+
+
+def forgets(story: Story, for_s: float) -> None:
+    """Report for some time that there is no mission."""
     for _ in range(round(10 * for_s)):
-        story.publish(MissionStatus(1, MissionState.NONE, 0.0))
+        story.publish(MissionStatus(0, MissionState.NONE, 0.0))
         story.cycles(1)
+
+
+@pytest.mark.parametrize(("accepted", "broken"), [(False, []), (True, [Promise.ARRIVES])])
+def test_a_mission_of_a_broken_network_counts_once_its_client_knows_that_it_is_accepted(
+    story: Story, accepted: bool, broken: list[Promise]
+) -> None:
+    story.cycles(20)
+    story.see(Faulted(story.now, "one-way", ("interface",), began=True, to=("robot",)))
+    if accepted:
+        story.see(Asked(story.now, 2, Waypoint(1.0, 0.0, 0.0)))
+    story.publish(MissionStatus(2, MissionState.DRIVING, 1.0))
+    story.see(Faulted(story.now, "one-way", ("interface",), began=False, to=("robot",)))
+    forgets(story, 2.2)
     assert story.broken() == broken
 
 

@@ -24,6 +24,9 @@ CRAWL_M, CRAWL_RAD = 0.005, 0.02
 FORGOTTEN_S = 2.0
 """A restarted interface agent receives the mission within this, in a whole network, s."""
 
+SHARED_S = 1.5
+"""In a whole network all agents have a mission after this: relinking, and a repetition, s."""
+
 SAME_M, SAME_RAD = 0.01, 0.01
 """A goal keeps its place within this, m, and its heading, rad."""
 
@@ -154,17 +157,25 @@ class Moves:
 
 
 class Remembered:
-    """A mission is not forgotten. The auditor judges whether it arrives in time."""
+    """A mission is not forgotten. The auditor judges whether it arrives in time.
+
+    It counts once its client has received the acceptance, which follows the mission on the same
+    link, or once it is driven in a whole network. Before, its interface agent may be disconnected,
+    and have the only copy.
+    """
 
     promise = Promise.ARRIVES
     on = (Observation,)
 
     def __init__(self) -> None:
+        self._accepted = 0  # the last mission whose acceptance was received
         self._under_way = False
         self._none_at: float | None = None  # since when there is none
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """At each status of the mission."""
+        if isinstance(seen, Asked):
+            self._accepted = seen.mission
         if not isinstance(seen, Published) or not isinstance(seen.message, MissionStatus):
             return
         state = seen.message.state
@@ -176,7 +187,8 @@ class Remembered:
                 self._under_way = False
                 yield f"the mission is forgotten for {FORGOTTEN_S:.0f} s"
         elif state is MissionState.DRIVING:
-            self._under_way, self._none_at = True, None
+            shared = now.whole_for() > SHARED_S or seen.message.mission == self._accepted
+            self._under_way, self._none_at = self._under_way or shared, None
         elif state in (MissionState.REACHED, MissionState.FAILED):
             self._under_way = False
 
