@@ -13,6 +13,7 @@ pytest.importorskip("mcap")
 
 from armadico import cli
 from armadico.config.scenarios import load_scenario
+from armadico.config.shipped import find
 from armadico.core.messages import PROTOCOL, Point, Stop, encode
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
@@ -93,6 +94,18 @@ def test_a_path_through_a_wall_of_the_map_that_the_agents_name_is_broken(
     code, found = audit(path, "--only", "path", "--world", "no-such-map")
     assert code == 2
     assert "no-such-map" in found["error"]
+
+
+def test_by_another_map_than_the_agents_name_nothing_is_kept(
+    recording: Path, audit: Audit, tmp_path: Path
+) -> None:
+    assert LINE.world != "house"
+    code, found = audit(recording, "--world", "house", "--accept-unknown")
+    assert (code, found["answer"]) == (3, "unknown")
+    assert f"{LINE.world!r}, and --world is 'house'" in found["unread"][0]
+    copy = tmp_path / "copy.map"
+    copy.write_bytes(find("worlds", LINE.world).read_bytes())
+    assert audit(recording, "--world", str(copy))[0] == 0, "the same walls under another name"
 
 
 def test_a_mission_that_is_reported_as_reached_under_way_is_broken(
