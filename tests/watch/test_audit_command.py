@@ -108,6 +108,25 @@ def test_by_another_map_than_the_agents_name_nothing_is_kept(
     assert audit(recording, "--world", str(copy))[0] == 0, "the same walls under another name"
 
 
+def test_by_a_map_of_the_same_name_that_the_agents_have_not_the_paths_are_not_judged(
+    audit: Audit, tmp_path: Path
+) -> None:
+    """The shipped map is another one than the robot's own of its name."""
+    path = tmp_path / "run.mcap"
+    run = Rehearsal(LINE, Options(seed=4))
+    for name in ("sonar", "path-planning"):
+        object.__setattr__(run.mesh.node(name).agent.identity, "map", "89abcdef")
+    with Recorded(run.mesh, path, run.namespace):
+        run.start()
+        run.begin()
+        run.mesh.run(5.0)
+    found = {each["promise"]: each["what"] for each in audit(path)[1]["promises"]}
+    assert "map" in found["path"]
+    assert audit(path, "--world", LINE.world)[1]["unread"] == [
+        f"--world is another map {LINE.world!r} than the agents have"
+    ]
+
+
 def test_a_mission_that_is_reported_as_reached_under_way_is_broken(
     audit: Audit, tmp_path: Path
 ) -> None:

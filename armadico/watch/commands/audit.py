@@ -131,22 +131,25 @@ class _Audit:
         if isinstance(message, Card):
             learn(self.auditor, message)
             self._cards[message.instance] = message
-            self._check_world(message.world)
+            self._check_world(message)
 
-    def _check_world(self, named: str) -> None:
-        """Compare the map of --world with that which an agent names, if it has another name."""
-        from armadico.config.worlds import load_world
+    def _check_world(self, card: Card) -> None:
+        """Compare the map of --world with that which an agent was launched with."""
+        from armadico.config.worlds import EMPTY, digest, load_world
         from armadico.core.config_errors import ConfigError
 
-        if self._world is None or named in ("", self._world.name):
+        if self._world is None or card.world in ("", EMPTY):
             return
-        why = f"the agents name the map {named!r}, and --world is {self._world.name!r}"
+        mine, named = self._world.name, card.world
+        why = f"the agents name the map {named!r}, and --world is {mine!r}"
+        if named == mine:
+            why = f"--world is another map {mine!r} than the agents have"
         if why in (*self.unread, *self.notes):
             return
         try:
-            same = load_world(named).outlines == self._world.outlines
+            same = (card.map or digest(load_world(named))) == digest(self._world)
         except ConfigError:  # it is not shipped: --world may be it, under another name
-            self.notes.append(why)
+            self.notes += [why] * (named != mine)
             return
         if not same:
             self.unread.append(why)
