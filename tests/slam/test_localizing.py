@@ -292,6 +292,7 @@ def test_shares_longest_times_and_events() -> None:
         ([moment(k, 0.1, lost=True) for k in range(4)], "no", "reported lost"),
         ([moment(k, 0.1, lost=k in (5, 8)) for k in range(9)], "unknown", "was lost"),
         ([moment(k, 0.4 * (k > 6)) for k in range(9)], "unknown", "0.3 m off, at 22 %"),
+        ([moment(k, 0.4 * (k < 3), lost=k > 6) for k in range(9)], "no", "off, at 56 %"),
         ([moment(k, 0.1, lost=k < 3) for k in range(9)], "yes", ""),  # found, and then never lost
         ([moment(k, 0.1, known=k < 2) for k in range(9)], "unknown", "no reference"),
     ],

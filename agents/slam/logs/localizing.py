@@ -373,7 +373,8 @@ def judgement(log: Log, found: Summary) -> Judgement:
     if not found.lost_share > MOST_LOST and found.adrift_share > ADRIFT:
         share = 100.0 * found.adrift_share
         why = f"the pose was lost, or more than {OFF_M:g} m off, at {share:.0f} % of the readings"
-        said.append(unknown(why, "check that the map is of this place, and the start"))
+        answer = no if found.adrift_share > MOST_LOST else unknown
+        said.append(answer(why, "check that the map is of this place, and the start"))
     if found.off_share is not None and found.unchecked_longest_m > MOST_LOST * found.metres:
         why = f"over {found.unchecked_longest_m:.0f} of {found.metres:.0f} m there is no reference"
         said.append(unknown(why, "use a log with reference poses all along the way"))
