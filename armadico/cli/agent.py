@@ -8,7 +8,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
@@ -132,7 +132,7 @@ def _serve(args: Options) -> int:
     for kind, values in zip(kinds, parameters, strict=True):
         with attributed(kind):
             own = identity(kind.name, where.name, where.digest, protocol, mesh.door)
-            agents.append(kind(own, values))
+            agents.append(kind(replace(own, map=_map(values)), values))
     devices = (a for a in agents if isinstance(a, DeviceAgent) and a.address)
     connect = {
         device.instance: partial(open_line, device.address, mesh.namespace)
@@ -147,6 +147,14 @@ def _head() -> Callable[[Agent], bytes]:
     from armadico.observe.journals import head
 
     return head
+
+
+def _map(parameters: Parameters) -> str:
+    """The digest of the map that an agent is launched with; empty without one."""
+    from armadico.config.worlds import digest, load_world
+
+    world = getattr(parameters, "world", None)
+    return digest(load_world(world)) if world else ""
 
 
 def _parameters(kind: type[Agent], args: Options) -> Parameters:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from armadico.cli.options import NAMESPACE_HELP, FailedError
+from armadico.cli.options import NAMESPACE_HELP, FailedError, report
 from armadico.cli.parsing import Command, option
 from armadico.mesh.topology import checked_namespace, default_namespace
 
@@ -66,6 +66,8 @@ def run(args: Options) -> int:
         print(f"{share.host} was killed: its files are removed{logs}")
     if not (left or killed or found):
         print(f"nothing {where}is up on this machine in namespace {namespace!r}")
+        if others := ", ".join(sorted({*sockets.robots_here()} - {namespace})):
+            report(f"armadico down: {others} on this machine is still up")
     return 0
 
 

@@ -11,8 +11,11 @@ from collections.abc import Sequence
 from importlib import import_module
 from math import cos, hypot, inf, pi, sin
 from pathlib import Path
+from zlib import crc32
 
+import msgspec
 from msgspec import Struct
+from msgspec.structs import replace
 
 from armadico.config.shipped import find
 from armadico.core.config_errors import ConfigError, ConfigNameError
@@ -40,6 +43,9 @@ DOCK_LANE_M = 0.5
 
 DOCK_ROOM_M = 0.15
 """Least clearance of the middle of a docked robot's axle: no robot is narrower."""
+
+EMPTY = "empty"
+"""The world of agents that were launched without one."""
 
 READERS = {
     ".map": ("armadico.config.maps", "read_map"),
@@ -165,6 +171,12 @@ def load_world(name_or_path: str | Path) -> World:
     module, function = READERS[path.suffix]
     world: World = getattr(import_module(module), function)(path)
     return world
+
+
+def digest(world: World) -> str:
+    """Eight hexadecimal digits of what a map shows, whatever the name and the form of its file."""
+    shown = replace(world, name="", doubts=())
+    return f"{crc32(msgspec.json.encode(shown, order='sorted')):08x}"
 
 
 def doubts(name: str) -> tuple[str, ...]:

@@ -35,6 +35,7 @@ class Identity:
     version: str = ""
     rng: random.Random = field(default_factory=random.Random, compare=False)
     table: str = ""  # the digest of its host table; empty: it has none
+    map: str = ""  # the digest of its map; empty: it has none
     protocol: int = m.PROTOCOL  # that it uses; an older one is to try and replay what came before
     rights: Rights | None = field(default=None, compare=False)
     """Those of all instances; None: the society has no keys."""

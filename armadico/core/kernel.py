@@ -484,6 +484,7 @@ class Kernel(Desk):
                 declares=tuple(dict.fromkeys(self._signatures())),
                 world=m.line(PurePath(str(getattr(agent.p, "world", None) or "")).stem),
                 table=identity.table,
+                map=identity.map,
                 mechanisms=tuple(
                     f"{name} {each.mechanism}"
                     for name, each in self._bidding.items()

@@ -609,8 +609,11 @@ class Card(Message, frozen=True):
     mechanisms: tuple[Text, ...] = ()
     """By which coordination mechanism it competes: a resource, a blank, and the mechanism's name
     (`wheels auction`). Resources that are not here are competed for by ballots."""
+    map: Text = ""
+    """The digest of the map that it was launched with, to notice that agents have different maps of
+    one name; empty: none, or not known."""
 
-    appended: ClassVar[int] = 2
+    appended: ClassVar[int] = 3
 
     def mechanism_of(self, resource: str) -> str:
         """Return the name of the mechanism by which it competes for a resource."""

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Final
 
+from armadico.config.worlds import EMPTY, digest, load_world
 from armadico.core.hands import release
 from armadico.core.messages import RobotState
 from armadico.launch.processes import undisturbed
@@ -30,9 +31,6 @@ REPORT_S: Final = 1.0
 
 STOP_S: Final = 3.0
 """Time for the robot agent to confirm the stop."""
-
-EMPTY: Final = "empty"
-"""The world of agents that were launched without one."""
 
 AWAY_M: Final = 0.5
 """Distance from the scenario's start above which a warning is printed."""
@@ -113,13 +111,21 @@ class AttachedRun(LiveRun):
     def _check_world(self) -> None:
         """Raises RunFailedError if agents were launched with the map of another world."""
         mine = Path(self.scenario.world).stem
-        known = {card.world for card in self.client.cards().values() if card is not None}
+        cards = [card for card in self.client.cards().values() if card is not None]
+        known = {card.world for card in cards}
         others = sorted(known - {"", EMPTY, mine})
         if others:
             raise RunFailedError(
                 f"the society runs in the world {others[0]!r}, but {self.scenario.name} is in"
                 f" {mine!r}; drive a scenario of {others[0]!r}, or end the society"
                 f" (`armadico down`) and start it again (`armadico up {self.scenario.name}`)"
+            )
+        has = {"", digest(load_world(self.scenario.world))}
+        other = sorted(card.name for card in cards if card.world == mine and card.map not in has)
+        if other:
+            raise RunFailedError(
+                f"{', '.join(other)} of the society has another map {mine!r} than"
+                f" {self.scenario.name}; copy one map to all hosts, and start the society again"
             )
 
     def _check_robot(self) -> None:

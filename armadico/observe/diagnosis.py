@@ -400,6 +400,16 @@ def _faults(case: _Case) -> Iterator[Finding]:
         what = "; ".join(f"{of[world]}: {world}" for world in worlds)
         todo = "start all agents with the same map"
         yield Finding(Sort.MAP, "", f"Agents have different maps ({what}).", todo)
+    for world in worlds:
+        has: dict[str, list[str]] = {}
+        for card in case.cards:
+            if card.world == world and card.map:
+                has.setdefault(card.map, []).append(f"{card.name} on {card.host}")
+        if len(has) > 1:
+            where = "; ".join(f"{', '.join(has[digest])}: {digest}" for digest in sorted(has))
+            what = f"Agents have different maps named {world} ({where})."
+            todo = "copy one map to all hosts, and start their agents again"
+            yield Finding(Sort.MAP, world, what, todo)
     graph = case.view.graph(case.now)
     if graph is not None and graph.uncertain:
         what = f"The map may be wrong: {graph.uncertain}."

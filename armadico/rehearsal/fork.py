@@ -16,7 +16,7 @@ from armadico.config.moving import Moving
 from armadico.config.profile import Body, RobotProfile, load_profile
 from armadico.config.scenarios import Battery, Scenario, society
 from armadico.config.slots import slot
-from armadico.config.worlds import Segment, World, distance, load_world
+from armadico.config.worlds import Segment, World, digest, distance, load_world
 from armadico.core.config_errors import ConfigError, ConfigNameError
 from armadico.core.discovery import agent_class, owners
 from armadico.core.judgement import Answer, Judgement, unknown
@@ -260,13 +260,16 @@ def _world(now: Present, given: str | None) -> tuple[str, World] | Judgement:
     if given is None and not now.world:
         named = "empty"
     try:
-        return named, load_world(named)
+        found = load_world(named)
     except ConfigError as error:
         if given is not None:
             raise
         return unknown(
             f"the map {named!r} is not on this computer: {error}", "give it: --world MAP"
         )
+    if {*now.maps} - {digest(found)}:
+        return unknown(f"the agents have another map than {named!r}", "give theirs: --world MAP")
+    return named, found
 
 
 def _check_names(now: Present, errand: Errand) -> None:

@@ -235,6 +235,7 @@ class Present(Struct, frozen=True, kw_only=True):
     robot: str = ""  # the name of its profile, as the robot agent describes it
     profile: str = ""  # the profile with which its agents were launched: a name or a file
     world: str = ""  # the map with which they were launched: a name or a file; "": none
+    maps: tuple[str, ...] = ()  # the digests of maps on their cards; empty: not known
     grid: OccupancyGrid | None = None  # the map made by driving, if one is served
     pose: Pose2 | None = None  # the estimated pose
     covariance: tuple[float, ...] = ()  # its covariance as in `Pose`; empty: not known
@@ -281,6 +282,7 @@ def present(account: Account, now: float) -> Present:
         robot="" if view.description is None else view.description.robot,
         profile=_launched(agents, "profile"),
         world=_launched(agents, "world") or view.world,
+        maps=tuple(sorted({card.map for _, _, card in view.agents if card and card.map})),
         grid=account.grid,
         pose=None if pose is None else (pose.x, pose.y, pose.theta),
         covariance=() if pose is None else pose.covariance,

@@ -467,6 +467,9 @@ def test_impossible_errand_is_refused(now: Present, errand: dict[str, object], w
 
 
 def test_map_that_is_not_here_is_unknown(now: Present) -> None:
+    found = fork(replace(now, maps=("89abcdef",)), Errand(goal=NEAR))
+    assert isinstance(found, Judgement)
+    assert (found.answer, "another map" in found.reason) == (Answer.UNKNOWN, True)
     found = fork(replace(now, world="/nowhere/else.map"), Errand(goal=NEAR))
     assert isinstance(found, Judgement)
     assert found.answer is Answer.UNKNOWN

@@ -290,6 +290,11 @@ def test_shares_longest_times_and_events() -> None:
         ([moment(k, 0.6 * (k == 2)) for k in range(4)], "no", "wrong and sure at 25.0 %"),
         ([moment(k, 0.4) for k in range(4)], "no", "more than 0.3 m off"),
         ([moment(k, 0.1, lost=True) for k in range(4)], "no", "reported lost"),
+        ([moment(k, 0.1, lost=k in (5, 8)) for k in range(9)], "unknown", "was lost"),
+        ([moment(k, 0.4 * (k > 6)) for k in range(9)], "unknown", "0.3 m off, at 22 %"),
+        ([moment(k, 0.4 * (k < 3), lost=k > 6) for k in range(9)], "no", "off, at 56 %"),
+        ([moment(k, 0.1, lost=k < 3) for k in range(9)], "yes", ""),  # found, and then never lost
+        ([moment(k, 0.1, known=k < 2) for k in range(9)], "unknown", "no reference"),
     ],
 )
 def test_what_a_run_concludes(log: Log, moments: list[Moment], answer: str, why: str) -> None:

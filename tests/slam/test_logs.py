@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+from dataclasses import replace
 from math import hypot, pi
 from pathlib import Path
 from typing import Any
@@ -132,6 +133,19 @@ def test_rows_without_useful_times_are_taken_in_their_order(
     # The usual step of 0.15 m takes 0.3 s at 0.5 m/s.
     assert np.diff(log.times) == pytest.approx(0.3)
     assert np.diff(logs.read(path, period=0.7).times) == pytest.approx(0.7)
+
+
+def test_a_scanner_that_repeats_its_scan_while_the_robot_drives_is_unknown(tmp_path: Path) -> None:
+    whole = logs.read(made_logs.npz(tmp_path / "a.npz"))
+    assert whole.judgement.passed
+    assert isinstance(whole.readings, logs.Scans)
+    ranges = whole.readings.ranges.copy()
+    ranges[40:80] = ranges[40]
+    frozen = replace(whole, readings=replace(whole.readings, ranges=ranges))
+    assert frozen.judgement.answer == "unknown"
+    assert "repeated one scan" in frozen.judgement.reason
+    standing = replace(frozen, odometry=np.zeros_like(whole.odometry))
+    assert standing.judgement.passed, "a robot that stands may see the same"
 
 
 def test_a_log_of_which_less_than_half_is_used_is_no_success(tmp_path: Path) -> None:

@@ -248,6 +248,14 @@ BREAKAGES: Mapping[str, Breakage] = {
         Sort.MAP,
         "flat",
     ),
+    "agents with different maps of one name": Breakage(
+        lambda society: (
+            on_card(society, "sonar", map="01234567"),
+            on_card(society, "path-planning", map="89abcdef"),
+        ),
+        Sort.MAP,
+        "path-planning on lab: 89abcdef",
+    ),
     "robot lifted: lost": Breakage(says(lost, 0.05), Sort.LOST, "lost"),
     "motors off": Breakage(
         lambda society: society.run.robot.receive(command(Cmd.ENABLE, 0), society.mesh.now),

@@ -13,6 +13,7 @@ pytest.importorskip("mcap")
 
 from armadico import cli
 from armadico.config.scenarios import load_scenario
+from armadico.config.shipped import find
 from armadico.core.messages import PROTOCOL, Point, Stop, encode
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
@@ -93,6 +94,37 @@ def test_a_path_through_a_wall_of_the_map_that_the_agents_name_is_broken(
     code, found = audit(path, "--only", "path", "--world", "no-such-map")
     assert code == 2
     assert "no-such-map" in found["error"]
+
+
+def test_by_another_map_than_the_agents_name_nothing_is_kept(
+    recording: Path, audit: Audit, tmp_path: Path
+) -> None:
+    assert LINE.world != "house"
+    code, found = audit(recording, "--world", "house", "--accept-unknown")
+    assert (code, found["answer"]) == (3, "unknown")
+    assert f"{LINE.world!r}, and --world is 'house'" in found["unread"][0]
+    copy = tmp_path / "copy.map"
+    copy.write_bytes(find("worlds", LINE.world).read_bytes())
+    assert audit(recording, "--world", str(copy))[0] == 0, "the same walls under another name"
+
+
+def test_by_a_map_of_the_same_name_that_the_agents_have_not_the_paths_are_not_judged(
+    audit: Audit, tmp_path: Path
+) -> None:
+    """The shipped map is another one than the robot's own of its name."""
+    path = tmp_path / "run.mcap"
+    run = Rehearsal(LINE, Options(seed=4))
+    for name in ("sonar", "path-planning"):
+        object.__setattr__(run.mesh.node(name).agent.identity, "map", "89abcdef")
+    with Recorded(run.mesh, path, run.namespace):
+        run.start()
+        run.begin()
+        run.mesh.run(5.0)
+    found = {each["promise"]: each["what"] for each in audit(path)[1]["promises"]}
+    assert "map" in found["path"]
+    assert audit(path, "--world", LINE.world)[1]["unread"] == [
+        f"--world is another map {LINE.world!r} than the agents have"
+    ]
 
 
 def test_a_mission_that_is_reported_as_reached_under_way_is_broken(

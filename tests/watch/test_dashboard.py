@@ -30,7 +30,7 @@ from armadico.watch.dashboard import palette, viewer
 from armadico.watch.dashboard.blueprint import VIEWS
 from armadico.watch.dashboard.global_map import PATH_POINTS
 from armadico.watch.dashboard.scene import Scene
-from armadico.watch.dashboard.server import close, keep
+from armadico.watch.dashboard.server import close, finish, keep
 from armadico.watch.dashboard.virtual_run import Rehearsed
 from tests.robot.robots import described
 from tests.watch.dashboard_picture import photograph
@@ -192,6 +192,24 @@ def test_drawing_rates_and_memory_are_bounded(tmp_path: Path) -> None:
     assert 0.5 < rows["/p/map/world/path"] < 1.5
     assert len(kept.rows["/p/map/world/path"][-1][1]["strips"][0]) == PATH_POINTS
     assert max(len(parts["positions"]) for _, parts in kept.rows["/p/map/world/echoes"]) <= 1500
+
+
+def test_a_file_without_its_footer_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rerun only logs it if the disk is full when it writes the footer."""
+    path = tmp_path / "a.rrd"
+    finish(keep({"one": None}, path), path)
+    whole = path.read_bytes()
+
+    def cut(recording: object) -> bool:
+        assert close(recording)  # type: ignore[arg-type]
+        path.write_bytes(whole[:-20])
+        return True
+
+    monkeypatch.setattr("armadico.watch.dashboard.server.close", cut)
+    with pytest.raises(OSError, match="incomplete"):
+        finish(keep({"one": None}, path), path)
 
 
 def test_two_robots_have_separate_entities(tmp_path: Path) -> None:

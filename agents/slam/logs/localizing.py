@@ -50,6 +50,10 @@ SURE_M: Final = 0.5
 # Above this share of readings reported lost, or off, the map may be of another place.
 MOST_LOST: Final = 0.5
 
+# Above this share of readings lost or off, after the first that is not lost, it is not known that
+# the robot was localized.
+ADRIFT: Final = 0.1
+
 VOLTS: Final = 12.0
 ANYWHERE: Final = "anywhere"
 
@@ -340,6 +344,8 @@ class Summary(Struct, frozen=True, kw_only=True):
     wrong_sure_longest_s: float | None
     lost_share: float  # reported lost
     off_map_share: float  # reported off the map
+    adrift_share: float  # lost, or over 0.3 m off, since it was first not lost
+    unchecked_longest_m: float  # distance without a reading that has a reference
     deviation_median_m: float | None  # while not lost
     published_median_m: float | None  # error of the published pose
     published_95_m: float | None
@@ -364,6 +370,14 @@ def judgement(log: Log, found: Summary) -> Judgement:
     if found.scans < 2:
         why = "one reading is no way: nothing was tested"
         said.append(unknown(why, "use a log in which the robot drives"))
+    if not found.lost_share > MOST_LOST and found.adrift_share > ADRIFT:
+        share = 100.0 * found.adrift_share
+        why = f"the pose was lost, or more than {OFF_M:g} m off, at {share:.0f} % of the readings"
+        answer = no if found.adrift_share > MOST_LOST else unknown
+        said.append(answer(why, "check that the map is of this place, and the start"))
+    if found.off_share is not None and found.unchecked_longest_m > MOST_LOST * found.metres:
+        why = f"over {found.unchecked_longest_m:.0f} of {found.metres:.0f} m there is no reference"
+        said.append(unknown(why, "use a log with reference poses all along the way"))
     if found.off_share is None:
         cure = "use a log with reference poses"
         said.append(unknown("the log has no reference: the error is not known", cure))
@@ -391,7 +405,8 @@ def summary(track: Track) -> Summary:
     wrong = (off > WRONG_M) & (deviation < SURE_M) & ~lost
     far_s, far_m = _longest(off[known] > OFF_M, t[known], way[known])
     wrong_s, _ = _longest(wrong[known], t[known], way[known])
-    found = int(np.argmin(lost)) if lost[0] and not lost.all() else None
+    since = int(np.argmin(lost))
+    found = since if lost[0] and not lost.all() else None
     spent = np.array(track.scan_s) * 1e3
     all_spent = np.array([*track.scan_s, *track.other_s]) * 1e3
     none = not known.any()
@@ -413,6 +428,8 @@ def summary(track: Track) -> Summary:
         wrong_sure_longest_s=None if none else wrong_s,
         lost_share=_share(lost),
         off_map_share=_share(np.array([m.off_map for m in moments])),
+        adrift_share=_share((lost | (off > OFF_M))[since:]),
+        unchecked_longest_m=_longest(~known, t, way)[1],
         deviation_median_m=_quantile(deviation[~lost], 0.5),
         published_median_m=_quantile(published[np.isfinite(published)], 0.5),
         published_95_m=_quantile(published[np.isfinite(published)], 0.95),

@@ -67,6 +67,9 @@ CHANGED: Final = 10  # scans at each end of a log by which it is told that its s
 SAME: Final = 0.9  # share of the scans before and after the change that are alike
 FEW: Final = 3  # rays that a driver may send more or less
 
+FROZEN_M: Final = 1.0
+"""A real scanner never repeats a scan exactly on a way so long, m: its ranges have noise."""
+
 MCAP: Final = b"\x89MCAP"  # the beginning of a recording
 NONE: Final = (float("nan"),) * 3
 
@@ -171,7 +174,25 @@ class Log:
             return no(why, "see the notes on the log")
         if self.assumed:
             return unknown("; ".join(self.assumed), "copy or record the log again, whole")
+        if (way := self._frozen_m()) > FROZEN_M:
+            why = f"the scanner repeated one scan exactly while the odometry drove {way:.0f} m"
+            return unknown(why, "check the scanner, and that its driver does not send old scans")
         return yes()
+
+    def _frozen_m(self) -> float:
+        """The longest way by the odometry on which all scans are equal and see something, m."""
+        if not isinstance(self.readings, Scans) or len(self) < 2:
+            return 0.0
+        ranges = self.readings.ranges
+        sees = np.any(ranges[1:] * self.readings.scale < self.readings.reach, axis=1)
+        equal = (ranges[1:] == ranges[:-1]) | (np.isnan(ranges[1:]) & np.isnan(ranges[:-1]))
+        same = np.all(equal, axis=1) & sees
+        ways = np.hypot(*np.diff(self.odometry[self.rows, :2], axis=0).T)
+        most = now = 0.0
+        for frozen, way in zip(same.tolist(), ways.tolist(), strict=True):
+            now = now + way if frozen else 0.0
+            most = max(most, now)
+        return most
 
     @property
     def known(self) -> NDArray[np.bool_]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Final
 
-from armadico.config.worlds import load_world
+from armadico.config.worlds import digest, load_world
 from armadico.core.config_errors import ConfigError
 from armadico.core.judgement import Answer
 from armadico.core.messages import Card, Command, Message, line
@@ -26,7 +26,10 @@ def learn(auditor: Auditor, card: Card) -> None:
     elif not auditor.scene.mapped:
         try:
             world = load_world(card.world)
-            auditor.chart(world.outlines, world)
+            if card.map in ("", digest(world)):
+                auditor.chart(world.outlines, world)
+            else:  # another map of that name
+                auditor.chart(None)
         except ConfigError:
             auditor.chart(None)
 

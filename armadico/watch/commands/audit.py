@@ -20,6 +20,7 @@ from armadico.observe.pauses import PAUSE_S
 from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
+    from armadico.config.worlds import World
     from armadico.core.messages import Card
     from armadico.observe.audit.auditor import Auditor
     from armadico.watch.recordings import Past
@@ -81,7 +82,7 @@ def run(args: Options) -> int:
     auditor = Auditor(rule for rule in RULES if rule.promise in chosen)
     if (world := options.world_of(args.world)) is not None:
         auditor.chart(world.outlines, world)
-    audit = _Audit(auditor, loud=not args.json)
+    audit = _Audit(auditor, world, loud=not args.json)
     try:
         if args.file is None:
             _live(args, audit)
@@ -99,8 +100,9 @@ def _name(promise: Promise) -> str:
 class _Audit:
     """Judges messages, prints findings as they come, and then the verdict on each promise."""
 
-    def __init__(self, auditor: Auditor, *, loud: bool) -> None:
+    def __init__(self, auditor: Auditor, world: World | None, *, loud: bool) -> None:
         self.auditor = auditor
+        self._world = world  # of --world
         self.unread: list[str] = []  # why something was not judged at all
         self.notes: list[str] = []  # what else its reader must know
         self._cards: dict[str, Card] = {}
@@ -129,6 +131,28 @@ class _Audit:
         if isinstance(message, Card):
             learn(self.auditor, message)
             self._cards[message.instance] = message
+            self._check_world(message)
+
+    def _check_world(self, card: Card) -> None:
+        """Compare the map of --world with that which an agent was launched with."""
+        from armadico.config.worlds import EMPTY, digest, load_world
+        from armadico.core.config_errors import ConfigError
+
+        if self._world is None or card.world in ("", EMPTY):
+            return
+        mine, named = self._world.name, card.world
+        why = f"the agents name the map {named!r}, and --world is {mine!r}"
+        if named == mine:
+            why = f"--world is another map {mine!r} than the agents have"
+        if why in (*self.unread, *self.notes):
+            return
+        try:
+            same = (card.map or digest(load_world(named))) == digest(self._world)
+        except ConfigError:  # it is not shipped: --world may be it, under another name
+            self.notes += [why] * (named != mine)
+            return
+        if not same:
+            self.unread.append(why)
 
     def tick(self, at: float) -> None:
         """Judge that time has passed."""

@@ -134,14 +134,17 @@ def _show(args: Options, world: World | None) -> int:
     from armadico.watch.dashboard import viewer
     from armadico.watch.dashboard.live import Live
     from armadico.watch.dashboard.scene import Scene
-    from armadico.watch.dashboard.server import close, serve
+    from armadico.watch.dashboard.server import close, finish, serve
 
     port = viewer.checked_port(args.port, "--port")
     meshes = args.mesh.join_each(starts=args.starting)
     spaces = [mesh.namespace for mesh in meshes]
     with ExitStack() as stack:
         recording, uri = serve(dict.fromkeys(spaces, world), port, args.record)
-        stack.callback(close, recording)
+        if args.record is None:
+            stack.callback(close, recording)
+        else:
+            stack.callback(finish, recording, args.record)
         for mesh in meshes:
             stack.enter_context(mesh)
         scenes = [Scene(recording, world, space, zones()) for space in spaces]

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import ctypes
 import errno
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
@@ -31,6 +32,9 @@ SERVER_MEMORY: Final = "256MiB"  # messages kept for viewers that connect later
 FLUSH_S: Final = 0.25
 
 CLOSE_S: Final = 2.0  # timeout of the last flush
+
+MARK: Final = b"RRF2FOOT"  # in the last bytes of a whole file
+TAIL: Final = 64
 
 
 def serve(
@@ -64,8 +68,16 @@ def keep(worlds: Mapping[str, World | None], record: Path) -> rr.RecordingStream
 
 def finish(recording: rr.RecordingStream, record: Path) -> None:
     """Close a recording into a file. Raises OSError if it could not be written completely."""
-    if not close(recording):
+    if not (close(recording) and _is_whole(record)):
         raise OSError(errno.EIO, "is incomplete: its end could not be written", str(record))
+
+
+def _is_whole(record: Path) -> bool:
+    """Whether a file has its footer: Rerun only logs it if a full disk took none."""
+    with record.open("rb") as file:
+        file.seek(0, os.SEEK_END)
+        file.seek(-min(TAIL, file.tell()), os.SEEK_END)
+        return MARK in file.read()
 
 
 def close(recording: rr.RecordingStream) -> bool:

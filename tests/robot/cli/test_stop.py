@@ -83,3 +83,10 @@ def test_with_a_wrong_command_line(base: Path, words: tuple[str, ...]) -> None:
 def test_another_robot_of_this_computer_is_named(base: Path) -> None:
     with locked(share_of("robot2", "desk")):
         assert "on this computer are robot2" in failed(call("stop", *BRIEFLY), 1)
+
+
+def test_down_of_another_namespace_names_the_robots_that_go_on(base: Path) -> None:
+    """As of a mistyped one: what was asked for did not happen to this robot."""
+    with locked(share_of("robot1", "lab1")):
+        done = call("down", "--namespace", "robto1")
+    assert "robot1 on this machine is still up" in done.stderr

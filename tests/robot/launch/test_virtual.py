@@ -18,6 +18,7 @@ from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.p2os.session import ZERO
 from armadico.bridge.reflex import HELD_S
 from armadico.bridge.simulator.walls import DEAD
+from armadico.config import worlds
 from armadico.config.loading import load_parameters
 from armadico.config.scenarios import Scenario, ideal, load_scenario
 from armadico.config.shipped import resource_path
@@ -144,6 +145,23 @@ def test_a_run_of_another_world_than_the_societys_is_refused(rooms: Scenario) ->
     rehearsal = Rehearsal(replace(ideal(load_scenario("house")), goal=None), Options())
     with (
         pytest.raises(RunFailedError, match="world 'house'"),
+        AttachedRun(rooms, Options(), VirtualSession(rehearsal.mesh)) as run,
+    ):
+        run.run()
+
+
+def test_a_run_on_another_map_of_the_same_name_is_refused() -> None:
+    """As after one of two computers got a newer map."""
+    rooms = ideal(load_scenario("rooms-a"))
+    rehearsal = Rehearsal(replace(rooms, goal=None), Options())
+    for name, found in (
+        ("sonar", worlds.digest(worlds.load_world(rooms.world))),
+        ("path-planning", "89abcdef"),
+    ):
+        identity = rehearsal.mesh.node(name).agent.identity
+        object.__setattr__(identity, "map", found)
+    with (
+        pytest.raises(RunFailedError, match="path-planning of the society has another map"),
         AttachedRun(rooms, Options(), VirtualSession(rehearsal.mesh)) as run,
     ):
         run.run()
