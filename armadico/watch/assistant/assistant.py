@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from msgspec.structs import replace
 
 from armadico.agents.interface.messages import MissionCancel, MissionOrder
 from armadico.config.errands import Mission, load_mission
+from armadico.config.loading import convert
 from armadico.config.shipped import find, names
 from armadico.config.worlds import load_world
 from armadico.core import agent
@@ -66,6 +68,7 @@ from armadico.watch.assistant.tools import (
     Goal,
     Named,
     Numbered,
+    Tool,
     Trial,
 )
 
@@ -332,7 +335,7 @@ class Assistant(Agent):
             args = msgspec.json.decode(request.text, type=tool.arguments)
         except msgspec.DecodeError as error:
             if tool.name != "stop":
-                return AssistantReply(refusal=line(f"{tool.name}: {error}"))
+                return AssistantReply(refusal=line(_wrong(tool, request.text, error)))
             args = Because()  # a stop is not refused for its arguments
         if tool.name != "stop":
             forbidden = self._fault or self._beside or self._rules(request).forbids(tool.name)
@@ -925,3 +928,14 @@ class Assistant(Agent):
 
         cancel = MissionCancel(number, line(f"the policy: {why}")[:LABEL])
         self.query(cancel, on_reply, CANCEL_S)
+
+
+def _wrong(tool: Tool, text: str, error: msgspec.DecodeError) -> str:
+    """What is wrong with a tool's arguments: which one, its value, and what is expected."""
+    try:
+        convert(json.loads(text), tool.arguments, tool.name, "")
+    except ConfigError as found:
+        return str(found)
+    except (ValueError, RecursionError):
+        pass  # it is no JSON
+    return f"{tool.name}: {error}"
