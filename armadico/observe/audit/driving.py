@@ -325,7 +325,8 @@ class Steady(Rule):
     def on_ack(self, ack: Ack, now: Scene) -> Iterator[Finding]:
         if ack.resource != WHEELS.name:
             return
-        self.checked, before, self._holder = True, self._holder, now.holder
+        before, self._holder = self._holder, now.holder
+        self.checked |= bool(now.holder)
         if not now.holder or now.holder == before:
             return
         takes = self._takes.setdefault(now.holder, deque(maxlen=TAKES))
