@@ -344,7 +344,7 @@ class Found(Rule):
         self._lost_s, self._mission = 0.0, 0
 
     def on_robot_state(self, _: RobotState, now: Scene) -> Iterator[Finding]:
-        dt = min(now.state_gap_s, 1.0)
+        dt = now.passed_s
         self.checked = self.checked or (now.pose is not None and bool(now.pose.covariance))
         mission = 0 if now.mission is None else now.mission.mission
         if mission != self._mission:
