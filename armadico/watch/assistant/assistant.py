@@ -43,6 +43,7 @@ from armadico.mobile.messages import (
 from armadico.mobile.obstacles import SONAR, Obstacles
 from armadico.watch.assistant.goals import BY, LONGEST_BY, Goals, by_name, client_in, orderer
 from armadico.watch.assistant.messages import (
+    Against,
     AssistantRecord,
     AssistantReply,
     AssistantRequest,
@@ -61,7 +62,6 @@ from armadico.watch.assistant.policy.messages import (
 from armadico.watch.assistant.policy.policy import BY_SONARS, NO_POLICY, Rules, load
 from armadico.watch.assistant.policy.scene import Scene
 from armadico.watch.assistant.tools import (
-    REFUSED,
     REHEARSE,
     TOOLS,
     Because,
@@ -430,7 +430,8 @@ class Assistant(Agent):
         if self._approvals.always(waiting):
             return False
         if drive.only_asked:
-            self._finish(drive, AssistantReply(line(f"a person would be asked first: {why}")))
+            text = line(f"a person would be asked first: {why}")
+            self._finish(drive, AssistantReply(text, against=Against.ASKS))
             return True
         waiting.why = line(why + self._approvals.why_not(waiting))
         self._waits = None
@@ -541,7 +542,8 @@ class Assistant(Agent):
         """What would become of a request, of which the refusal is not that of the rehearsal."""
         if outcome.refusal in ("", BUSY):
             return outcome
-        return AssistantReply(line(f"{drive.wanted.tool} {REFUSED}{outcome.refusal}"))
+        text = line(f"{drive.wanted.tool} would be refused: {outcome.refusal}")
+        return AssistantReply(text, against=Against.REFUSED)
 
     def _drive(
         self,
