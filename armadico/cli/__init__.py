@@ -22,6 +22,21 @@ TOOLS: Final = (
 )
 """The commands of `LABORATORY`."""
 
+ELSEWHERE: Final = {
+    "status": "`armadico ps` lists the agents, `armadico top` shows the robot",
+    "list": "`armadico ps` lists the agents, `armadico places` places",
+    "nodes": "`armadico ps` lists the agents",
+    "node": "`armadico ps` lists the agents",
+    "start": "`armadico up` starts a society, `armadico run` a scenario",
+    "launch": "`armadico up` starts a society, `armadico run` a scenario",
+    "topics": "`armadico graph` lists who publishes what, `armadico echo KEY` shows messages",
+    "topic": "`armadico graph` lists who publishes what, `armadico echo KEY` shows messages",
+    "kill": "`armadico down` ends a society, `armadico stop` stops the robot",
+    "param": "`armadico get` and `armadico set`",
+    "bag": "`armadico record` and `armadico replay`",
+}
+"""Commands of other tools, for which the most similar name would mislead."""
+
 GET: Final = "`make tools` in a checkout, or `pip install ./tools`"
 
 EXAMPLES: Final = """\
@@ -51,7 +66,10 @@ def _dispatch(arguments: list[str]) -> int:
         return 0
     try:
         found = find(COMMANDS, name)
-    except UnknownNameError:
+    except UnknownNameError as error:
+        if name in ELSEWHERE:
+            message = f"no command {name!r}; {ELSEWHERE[name]}"
+            raise UnknownNameError("command", name, error.known, message) from None
         if name in TOOLS:
             message = f"{name!r} is a command of {LABORATORY}: install it with {GET}"
             raise UnknownNameError("command", name, (), message) from None

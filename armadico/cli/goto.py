@@ -91,7 +91,8 @@ def _metres(text: str) -> float:
 class Options:
     to: tuple[str, ...] = argument(
         "X Y [DEG], m in the world frame and a heading in degrees, counter-clockwise (default: from"
-        " the robot's position towards X Y); or the name of a place: see `armadico places`",
+        " the robot's position towards X Y, or its own if it is there); or the name of a place: see"
+        " `armadico places`",
         nargs="+",
         metavar="GOAL",
     )

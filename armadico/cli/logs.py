@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -20,13 +19,10 @@ if TYPE_CHECKING:
 
 LEVELS: Final = {"debug": 10, "info": 20, "warning": 30, "error": 40}
 
-FOLDERS: Final = "armadico-*"
-"""Log folders of `armadico run`, in the folder for temporary files."""
-
 EXAMPLES: Final = """\
   armadico logs -f                        all agents, live
   armadico logs -f avoid --level warning
-  armadico logs                           the logs of the last `armadico run`
+  armadico logs                           the logs of the robot's last run on this machine
   armadico logs robot --folder /tmp/armadico-1a2b3c
 """
 
@@ -41,7 +37,7 @@ class Options:
         "with -f: the least level (default: debug)", default="debug", choices=tuple(LEVELS)
     )
     folder: Path | None = option(
-        "read the logs of this folder (default: the last run's)", metavar="DIR"
+        "read the logs of this folder (default: those of the robot's last run)", metavar="DIR"
     )
     timeout: float | None = options.timeout_option("with -f: end after S seconds")
     json: bool = flag("print one JSON object a line")
@@ -51,10 +47,11 @@ class Options:
 def run(args: Options) -> int:
     if args.follow and args.folder is not None:
         raise UsageError("--folder reads log files, -f follows published lines: use one of them")
-    if not args.follow and (args.mesh != options.Mesh() or args.level != "debug" or args.timeout):
+    ours = options.Mesh(namespace=args.mesh.namespace)
+    if not args.follow and (args.mesh != ours or args.level != "debug" or args.timeout):
         raise UsageError(
-            "--level, --timeout and the options of the mesh select published lines: add -f;"
-            " --folder DIR selects the log files of another run"
+            "--level, --timeout and the options of the mesh but --namespace select published lines:"
+            " add -f; --folder DIR selects the log files of another run"
         )
     return _follow(args) if args.follow else _read(args)
 
@@ -100,7 +97,7 @@ def _name(level: int) -> str:
 
 
 def _read(args: Options) -> int:
-    folder = args.folder or _newest()
+    folder = args.folder or _newest(args.mesh.namespace)
     if args.folder is None:
         print(f"from {folder}", file=sys.stderr)  # the newest may be another run's
     if not folder.is_dir():
@@ -117,16 +114,20 @@ def _read(args: Options) -> int:
     return 0
 
 
-def _newest() -> Path:
-    """The folder of the last run on this machine. Raises FailedError."""
-    there = Path(tempfile.gettempdir()).glob(FOLDERS)
-    folders = [folder for folder in there if folder.is_dir() and any(folder.glob("*.log"))]
-    if not folders:
+def _newest(namespace: str) -> Path:
+    """The folder of a robot's last run on this machine. Raises FailedError."""
+    from armadico.launch.processes import logs_folders
+
+    there = logs_folders()
+    found = [folder for name, folder in there if name == namespace]
+    if not found:
+        others = ", ".join(sorted({name for name, _ in there}))
         raise FailedError(
-            "no run on this machine left log files; `armadico logs -f` shows new lines, and"
-            " `armadico record` keeps them"
+            f"no run of {namespace!r} on this machine left log files;"
+            + (f" there are logs of {others}: choose with --namespace;" if others else "")
+            + " `armadico logs -f` shows new lines, and `armadico record` keeps them"
         )
-    return max(folders, key=lambda folder: folder.stat().st_mtime)
+    return found[-1]
 
 
 def _lines(files: Sequence[Path]) -> Iterator[tuple[str, str, str]]:
@@ -144,7 +145,7 @@ main: Final = Command(
     Options,
     run,
     "Show the agents' logs. With -f new lines are shown as they are published; published lines are"
-    " not kept. Without -f the log files of a run on this machine are read. `armadico record`"
-    " keeps everything.",
+    " not kept. Without -f the log files of the robot's last run on this machine are read."
+    " `armadico record` keeps everything.",
     EXAMPLES,
 )

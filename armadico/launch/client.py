@@ -66,12 +66,19 @@ SILENCE_S: Final = 5.0  # timeout of the mission's status, after which its agent
 # speed brakes for 3 s.
 STOP_S: Final = 5.0
 PRESS_S: Final = 0.1  # period of publishing a stop, s
+HERE_M: Final = 0.12  # a robot so near to a goal is there (docs/operate.md), m
 UNSEEN_S: Final = 0.5  # without a state of the robot for so long a stop is unconfirmed, s
 
 
 def heading_to(x: float, y: float, pose: Pose | Waypoint | None) -> float:
-    """Return the heading from a robot's pose to a place (m), rad; 0 without a pose."""
-    return 0.0 if pose is None else math.atan2(y - pose.y, x - pose.x)
+    """Return the heading from a robot's pose to a place (m), rad; 0 without a pose.
+
+    It is the robot's own heading at the place: there the direction would be that of an error.
+    """
+    if pose is None:
+        return 0.0
+    way = x - pose.x, y - pose.y
+    return pose.theta if math.hypot(*way) <= HERE_M else math.atan2(way[1], way[0])
 
 
 @contextmanager
@@ -250,7 +257,8 @@ class Client:
             mission = guest.goto(4.0, 2.0, math.pi / 2)
             mission.wait(timeout=60.0)
 
-        Without `theta`, the heading is that of the line from the present pose to the goal. The path
+        Without `theta`, the heading is that of the line from the present pose to the goal, or the
+        robot's own if it is there. The path
         is the planner's, or a straight line with `direct`. `start` sets the robot's present pose
         (m, m, rad), if it is known better than the robot estimates it. `unseen` is whether a path
         may lead through what nobody has seen, where no other leads to the goal; None: the planner's

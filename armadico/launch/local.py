@@ -67,10 +67,10 @@ class Launcher(LiveRun):
         # Their processes, with the simulator's.
         self.table = ProcessTable(
             namespace,
+            logs or logs_folder(namespace),
             joining,
             tied,
             options.journal,
-            logs or logs_folder(),
             prefix="" if logs is None else f"{namespace.rpartition('/')[2]}-",
         )
         self._namespace = namespace

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
+from urllib.parse import quote, unquote
 
 import msgspec
 
@@ -75,9 +76,19 @@ class Process(Program):
         return found
 
 
-def logs_folder() -> Path:
-    """Create a folder for the logs of a run or a host."""
-    return Path(tempfile.mkdtemp(prefix="armadico-"))
+def logs_folder(namespace: str) -> Path:
+    """Create a folder for the logs of a run or a host; `logs_folders` finds it again."""
+    return Path(tempfile.mkdtemp(prefix=f"armadico-{quote(namespace, safe='')}-"))
+
+
+def logs_folders() -> list[tuple[str, Path]]:
+    """The folders with logs on this machine, the newest last, with their namespaces."""
+    there = [path for path in Path(tempfile.gettempdir()).glob("armadico-*-*") if path.is_dir()]
+    found = sorted(
+        (path for path in there if any(path.glob("*.log"))), key=lambda path: path.stat().st_mtime
+    )
+    # The random end of the name has no dash.
+    return [(unquote(path.name.partition("-")[2].rpartition("-")[0]), path) for path in found]
 
 
 @dataclass
@@ -85,11 +96,11 @@ class ProcessTable:
     """The processes that one program has started for a society, and the folder of their logs."""
 
     namespace: str  # the robot's subtree of keys
+    logs: Path  # the folder
     # Options by which the processes find the mesh, if it is not the default one.
     joining: Sequence[str] = ()
     tied: bool = False  # they end with this process, instead of driving on
     journal: bool = False  # the agents publish their inputs and outputs
-    logs: Path = field(default_factory=logs_folder)  # the folder
     prefix: str = ""  # the prefix of the log names, if several societies share the folder
     # In the order of their start; ended ones stay until `take_ended`.
     processes: list[Process] = field(default_factory=list)

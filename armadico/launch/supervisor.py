@@ -32,7 +32,7 @@ from armadico.agents.supervision.wakeup import (
 from armadico.core.discovery import agent_class, owners
 from armadico.core.resources import WHEELS
 from armadico.core.restart_policy import Budget
-from armadico.launch.processes import SIMULATOR, Process, ProcessTable, ending
+from armadico.launch.processes import SIMULATOR, Process, ProcessTable, ending, logs_folder
 from armadico.launch.programs import LEAVE_S
 from armadico.launch.society import Member, processes
 from armadico.observe.journals import head
@@ -160,7 +160,13 @@ class Upkeep:
     ) -> None:
         """`report` receives warnings and errors, a line at a time."""
         self.plan = plan
-        self.table = ProcessTable(plan.namespace, plan.joining, tied=True, journal=plan.journal)
+        self.table = ProcessTable(
+            plan.namespace,
+            logs_folder(plan.namespace),
+            plan.joining,
+            tied=True,
+            journal=plan.journal,
+        )
         self.machine = Machine()
         self._report = report
         self._groups = processes(plan.members, plan.together)

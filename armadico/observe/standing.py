@@ -32,7 +32,7 @@ from armadico.core.messages import (
 )
 from armadico.core.resources import WHEELS, differently
 from armadico.core.services import QUIET_S, matches, service_at, service_of
-from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.behaviour import FOUND_S, LOST_M
 from armadico.mobile.messages import MissionState, MissionStatus, Pose, Trajectory
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe.contention import awards
@@ -55,6 +55,13 @@ SEEN_S: Final = 1.0
 # An agent younger than this has not failed yet: a controller takes a second to answer. Nor is it
 # known to bid in vain, or to find no path, before it has done so for this long.
 YOUNG_S: Final = 2.0
+
+LASER: Final = "laser"  # of `Description.sensors`
+
+MEASURE: Final = (
+    "if it stays lost, the scanner may be mounted otherwise than the profile says:"
+    " `armadico mounting` measures it from a recorded drive"
+)
 
 # Age limit of a log line that explains the present state.
 RECENT_S: Final = 5.0
@@ -671,6 +678,9 @@ def lost(view: View, now: float) -> Finding | None:
         todo = "drive it back to what the map shows, or map this place too"
         return Finding(Sort.LOST, "", f"The robot is {view.pose_text(now)}.", todo)
     todo = "wait until an agent has localized it; check that it is within the map"
+    since, about = view.lost_since, view.description
+    if since is not None and now - since > FOUND_S and about is not None and LASER in about.sensors:
+        todo += f"; {MEASURE}"
     return Finding(Sort.LOST, "", f"The robot is lost: {view.pose_text(now)}.", todo)
 
 

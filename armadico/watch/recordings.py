@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from itertools import count
@@ -153,9 +154,21 @@ def rows(path: Path, warn: Warn, about: dict[str, str] | None = None) -> Iterato
     if damage:
         until = f", up to {(last - first) / 1e9:.1f} s" if number else ""
         warn(
-            f"{path} {damage}: {number} messages could be read{until}; if that is not enough, try"
-            f" `mcap recover {path} -o recovered.mcap`"
+            f"{path} {damage}: {number} messages could be read{until}, {_missing(path, number)}; if"
+            f" that is not enough, try `mcap recover {path} -o recovered.mcap`"
         )
+
+
+def _missing(path: Path, read: int) -> str:
+    """How many messages could not be read, by what the recorder counted at the file's end."""
+    from mcap.reader import SeekingReader
+
+    with path.open("rb") as stream, suppress(Exception):  # damaged bytes can raise anything
+        summary = SeekingReader(stream).get_summary()
+        statistics = None if summary is None else summary.statistics
+        if statistics is not None and statistics.message_count > read:
+            return f"{statistics.message_count - read} are missing"
+    return "how many are missing is not known"
 
 
 def _check_start(path: Path) -> None:

@@ -372,11 +372,12 @@ def test_a_release_is_only_requested_of_people_with_the_stops_code() -> None:
         ("goto", "{", "goto: "),
         ("goto", '{"x": 1}', "x and y"),
         ("goto", '{"x": NaN, "y": 0}', "goto: "),
-        ("goto", '{"x": "1", "y": 0}', "$.x"),
-        ("goto", '{"x": 1, "y": 0, "v": 9}', "`v`"),
-        ("where", '{"now": true}', "`now`"),
-        ("cancel", '{"number": "-1"}', "$.number"),
-        ("why", '{"what": "everything"}', "$.what"),
+        ("goto", '{"x": "NaN", "y": 0}', 'x = "NaN": expected a number or none, not a string'),
+        ("goto", '{"x": 1, "y": 1e999}', "y = inf: expected a number <= 1000000.0"),
+        ("goto", '{"x": 1, "y": 0, "v": 9}', "unknown key v"),
+        ("where", '{"now": true}', "unknown key now"),
+        ("cancel", '{"number": "-1"}', 'number = "-1"'),
+        ("why", '{"what": "everything"}', 'what = "everything": known: now, standing'),
     ],
 )
 def test_an_invalid_request_is_refused_and_recorded(tool: str, text: str, named: str) -> None:

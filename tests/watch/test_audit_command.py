@@ -65,6 +65,27 @@ def test_a_usual_drive_passes_and_what_had_no_occasion_is_named(
     assert audit(recording, "--only", "failed")[0] == 3, "nothing at all was checked"
 
 
+def test_a_robot_that_no_agent_drove_is_unknown_and_the_last_line_counts_all(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "idle.mcap"
+    run = Rehearsal(LINE, Options(seed=4))
+    with Recorded(run.mesh, path, run.namespace):
+        run.start()
+        run.mesh.run(4.0)
+    assert cli.main(["audit", str(path)]) == 3
+    lines = capsys.readouterr().out.splitlines()
+    assert "not checked  no agent drove the robot" in lines
+    counted = {word.rpartition(" ")[0]: int(word.split()[-1]) for word in lines[-1].split(", ")}
+    assert (counted["broken"], counted["not checked"]) == (0, 1)
+    for word in ("kept", "no occasion"):
+        assert counted[word] == sum(line.startswith(word) for line in lines)
+        assert counted[word] > 0
+    for promise in ("one-driver", "steady", "held"):
+        assert any(line.startswith(f"no occasion  {promise} ") for line in lines)
+    assert cli.main(["audit", str(path), "--only", "pose"]) == 0
+
+
 def test_what_only_a_truth_shows_can_be_accepted_as_unknown_and_the_rest_is_named_as_kept(
     recording: Path, audit: Audit, tmp_path: Path
 ) -> None:

@@ -290,6 +290,35 @@ def test_a_file_larger_than_the_memory_is_read(tmp_path: Path) -> None:
     assert "3 messages" in done.stdout
 
 
+@pytest.mark.parametrize("to", ["csv", "ros2"])
+def test_an_export_of_a_recording_that_was_cut_does_not_end_as_complete(
+    to: str, tmp_path: Path
+) -> None:
+    path, cut = tmp_path / "run.mcap", tmp_path / "cut.mcap"
+    recorded(path, *(received("robot/state", STATE, n) for n in range(1, 10)))
+    cut.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    assert call("export", str(path), "--to", to).returncode == 0
+    done = call("export", str(cut), "--to", to)
+    assert done.returncode == options.UNKNOWN, done.stderr
+    assert "how many are missing is not known" in done.stderr
+    made = tmp_path / ("cut-csv/robot1_robot_state.csv" if to == "csv" else "cut-ros2.mcap")
+    assert made.stat().st_size, "what could be read is kept"
+
+
+def test_a_damaged_recording_tells_how_many_messages_are_missing(tmp_path: Path) -> None:
+    path, warnings = tmp_path / "run.mcap", list[str]()
+    recorded(path, *(received("robot/state", STATE, n) for n in range(1, 10)))
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    data = bytearray(path.read_bytes())
+    third = summary.chunk_indexes[2]
+    data[third.chunk_start_offset + third.chunk_length - 1] ^= 255
+    path.write_bytes(data)
+    assert len(list(rows(path, warnings.append))) == 2
+    assert "2 messages could be read, up to 0.0 s, 7 are missing" in warnings[0]
+
+
 def test_tables_are_not_written_beside_those_of_another_recording(tmp_path: Path) -> None:
     """Tables of topics that the new one lacks would stay, and be taken for its own."""
     path = tmp_path / "run.mcap"

@@ -13,11 +13,12 @@ from armadico.mobile.messages import (
     MissionRequest,
     MissionState,
     MissionStatus,
+    Pose,
     Trajectory,
     Waypoint,
 )
 from armadico.observe.findings import Demand, Finding, Sort
-from armadico.observe.standing import standing
+from armadico.observe.standing import lost, standing
 from armadico.observe.view import View
 from armadico.watch.why import Chronicle
 from tests.watch.broken import cut
@@ -34,6 +35,25 @@ def test_a_moving_robot_has_no_cause_and_a_robot_without_a_goal_has_that_cause()
     assert not moving.stands
     assert moving.cause is None
     assert "goto drives" in moving.sentences[0]
+
+
+def test_a_robot_that_stays_lost_by_laser_is_told_how_to_measure_the_mounting_of_its_scanner() -> (
+    None
+):
+    about = Observed().view.description
+    assert about is not None
+    for sensors, stays_s, told in (
+        (("laser",), 61.0, 1),
+        (("laser",), 5.0, 0),
+        (("sonar",), 61, 0),
+    ):
+        view = View()
+        view.update("robot/description", replace(about, sensors=sensors), 0.0)
+        unsure = (4.0, 0.0, 0.0, 4.0, 0.0, 1.0)
+        view.update("encoder/pose", Pose(Cycle(1, 1), 0, 0, 0, unsure), 0.0)
+        found = lost(view, stays_s)
+        assert found is not None
+        assert found.todo.count("`armadico mounting`") == told
 
 
 def test_the_chain_ends_at_the_agent_that_is_not_alive() -> None:

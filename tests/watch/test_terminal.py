@@ -17,6 +17,7 @@ from typing import Self
 
 import pytest
 
+from armadico.cli import options
 from armadico.core.messages import (
     PROTOCOL,
     Ack,
@@ -41,7 +42,7 @@ def poses(path: Path, run: Run) -> tuple[list[float], str]:
     """The numbers of the poses that are in a recording, and what export had to say."""
     out = path.with_name(path.stem)
     done = run("export", str(path), "--to", "csv", "--out", str(out))
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == (options.UNKNOWN if "cut short" in done.stderr else 0), done.stderr
     with (out / f"{NAMESPACE}_encoder_pose.csv").open() as stream:
         return [float(row["x"]) for row in csv.DictReader(stream)], done.stderr
 

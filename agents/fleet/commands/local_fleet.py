@@ -19,7 +19,7 @@ from armadico.core.discovery import agent_class
 from armadico.core.messages import Message
 from armadico.launch.client import Client
 from armadico.launch.local import Launcher
-from armadico.launch.processes import ProcessTable, ending, undisturbed
+from armadico.launch.processes import ProcessTable, ending, logs_folder, undisturbed
 from armadico.launch.society import Options, names
 from armadico.runtime.errors import RunFailedError
 
@@ -46,7 +46,7 @@ class LocalFleet(FleetRun):
         """
         super().__init__(scenario, options, fleet)
         ones = robots_of(scenario, robots)
-        self.table = ProcessTable(names_of(fleet, 1)[0], joining, tied=True)
+        self.table = ProcessTable(names_of(fleet, 1)[0], logs_folder(fleet), joining, tied=True)
         self._ones = dict(zip(names_of(fleet, len(ones)), ones, strict=True))
         self._launchers: dict[str, Launcher] = {}
         self._lost: set[str] = set()  # robots that are gone

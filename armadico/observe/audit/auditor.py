@@ -215,6 +215,11 @@ class Auditor:
         return 1.0 - received / passed if passed else 0.0
 
     @property
+    def driven(self) -> bool:
+        """Whether an agent was obeyed."""
+        return self._held_at is not None
+
+    @property
     def doubts(self) -> list[str]:
         """Why nothing that seems kept is known to be, a sentence each."""
         found, about = [], self.scene.description

@@ -79,8 +79,8 @@ class OneDriver(Rule):
     def on_ack(self, ack: Ack, now: Scene) -> Iterator[Finding]:
         if ack.resource != WHEELS.name:
             return
-        self.checked, epoch = True, ack.cycle.epoch
-        obeyed, largest = ack.obeyed, ack.largest
+        epoch, obeyed, largest = ack.cycle.epoch, ack.obeyed, ack.largest
+        self.checked |= obeyed is not None or largest is not None
         below = obeyed is not None and (largest is None or largest < obeyed)
         for what in (
             self._obeyed.add(epoch, obeyed),
@@ -199,7 +199,7 @@ class Held(Rule):
     def on_ack(self, ack: Ack, now: Scene) -> Iterator[Finding]:
         if ack.resource != WHEELS.name or now.mission is None:
             return
-        self.checked = True
+        self.checked |= ack.obeyed is not None
         if now.excuse(Excuse.DISTURBED) is not None:
             self._since = inf
             return

@@ -24,7 +24,7 @@ from armadico.mobile.route import Route
 from armadico.mobile.scans import Floats, points_of
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import AGAIN_S, Rule
-from armadico.observe.audit.scene import RESTS_M_S, Scene
+from armadico.observe.audit.scene import RESTS_M_S, SILENT_S, Scene
 from armadico.observe.audit.sensed import REMEMBERS_S
 
 STANDS_S: Final = 15.0
@@ -143,7 +143,8 @@ class Stands(Rule):
             return
         if now.excuse(Excuse.DISTURBED) is not None:
             return  # a disturbance postpones what is due; while it stands, it forgives nothing
-        self._stood_s += min(now.state_gap_s, 3.0 * PERIOD)
+        # Less than `passed_s`: while the robot agent is silent, a reason to stand may come and go.
+        self._stood_s += min(now.state_gap_s, SILENT_S)
         self._holders[now.who] += 1
         if self._stood_s > STANDS_S:
             ((who, _count),) = self._holders.most_common(1)
@@ -325,7 +326,8 @@ class Steady(Rule):
     def on_ack(self, ack: Ack, now: Scene) -> Iterator[Finding]:
         if ack.resource != WHEELS.name:
             return
-        self.checked, before, self._holder = True, self._holder, now.holder
+        before, self._holder = self._holder, now.holder
+        self.checked |= bool(now.holder)
         if not now.holder or now.holder == before:
             return
         takes = self._takes.setdefault(now.holder, deque(maxlen=TAKES))

@@ -74,7 +74,7 @@ class Failed(Rule):
             self._seen_at = now.now
         for each in (Excuse.LOST, Excuse.WAITS):
             if now.excuse(each) is not None:
-                self._lasted[each] = self._lasted.get(each, 0.0) + min(now.state_gap_s, 1.0)
+                self._lasted[each] = self._lasted.get(each, 0.0) + now.passed_s
 
     def _judge(self, status: MissionStatus, now: Scene) -> Iterator[Finding]:
         if status.note.startswith((CANCELLED, UNGUARDED)):

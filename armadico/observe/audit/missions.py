@@ -54,7 +54,7 @@ class Ends(Rule):
             return
         self.checked = True
         if now.excuse(Excuse.DISTURBED, Excuse.STOPPED, Excuse.UNSURE) is None:
-            self._rested_s += min(now.state_gap_s, 1.0)
+            self._rested_s += now.passed_s
         if self._rested_s > RESTS_S:
             self._rested_s = -inf  # once, until it drives on
             what = f"the robot rests at its goal for {RESTS_S:.0f} s, and the mission goes on"

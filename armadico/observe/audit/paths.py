@@ -55,7 +55,7 @@ class Waits(Rule):
         self._waited_s = 0.0
 
     def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
-        dt = min(now.state_gap_s, 1.0)
+        dt = now.passed_s
         if state.stalled:
             self._waited_s = -REMEMBERS_S  # what was touched may be remembered, too
         waits = now.driving and now.excuse(*WAITING) is Excuse.WAITS

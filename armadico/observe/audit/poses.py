@@ -251,7 +251,8 @@ class Claims(Rule):
 class Scaled(Rule):
     """The odometry counts as far as the robot moves: in truth, else by poses that are certain.
 
-    Both ways are of the same time by their own stamps, or are not compared.
+    Both ways are of the same time by their own stamps, or are not compared: then the robot's period
+    is another than described, or its states come later and later, which look alike.
     """
 
     promise = Promise.ODOMETRY
@@ -263,6 +264,16 @@ class Scaled(Rule):
         self._from: tuple[RobotState, Truth | Pose] | None = None
         self._sums = np.zeros(4)  # of this window: both ways, m, and times, s
         self._off = 0.0  # the share in the window before
+        self._compared = False
+        self._other_time = ""  # of the newest window that was not compared
+
+    @property
+    def pending(self) -> str:
+        return "" if self._compared else self._other_time
+
+    @property
+    def due(self) -> bool:
+        return bool(self.pending)
 
     def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
         at, since = now.truth or now.pose, self._from
@@ -286,9 +297,12 @@ class Scaled(Rule):
             return
         (way, true, lasted, truly), was = self._sums.tolist(), self._off
         self._sums[:] = 0.0
-        if abs(truly - lasted) > SAME_TIME * lasted:
-            return
         self.checked = True
+        if abs(truly - lasted) > SAME_TIME * lasted:
+            kind = type(at).__name__
+            self._other_time = f"{lasted:.1f} s of the robot's cycles are {truly:.1f} s of {kind}"
+            return
+        self._compared = True
         self._off = way / max(true, 0.01) - 1.0
         if min(abs(self._off), abs(was)) > SCALE and self._off * was > 0.0:
             self._off = 0.0
@@ -330,7 +344,7 @@ class Found(Rule):
         self._lost_s, self._mission = 0.0, 0
 
     def on_robot_state(self, _: RobotState, now: Scene) -> Iterator[Finding]:
-        dt = min(now.state_gap_s, 1.0)
+        dt = now.passed_s
         self.checked = self.checked or (now.pose is not None and bool(now.pose.covariance))
         mission = 0 if now.mission is None else now.mission.mission
         if mission != self._mission:

@@ -53,6 +53,9 @@ STATES: Final = 64
 PACED: Final = 0.5
 """A state that comes earlier or later by more than this share of a cycle is late, or another is."""
 
+GAP_COUNTS_S: Final = 1.0
+"""Of the time between two states no more than this counts, s."""
+
 PRESENT: Final = 3
 """Messages of a state's cycle, or of so many cycles before, are of its moment; likewise of the one
 after it, since they may come before the state."""
@@ -292,6 +295,14 @@ class Scene:
     def paced(self) -> bool:
         """Whether the state also came when its cycle began, so that clocks may be compared."""
         return self.follows and abs(self.state_gap_s - self.cycle_s) <= PACED * self.cycle_s
+
+    @property
+    def passed_s(self) -> float:
+        """The time that counts as that of the state, s: of a longer gap what it was is not known.
+
+        Rules that add up how long something lasts use it.
+        """
+        return min(self.state_gap_s, GAP_COUNTS_S)
 
     def present(self, message: Obstacles | Pose | Scan | Sonar) -> bool:
         """Whether a message and the newest state are of about the same moment."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from msgspec.structs import replace
 
 from armadico.agents.interface.messages import MissionCancel, MissionOrder
 from armadico.config.errands import Mission, load_mission
+from armadico.config.loading import convert
 from armadico.config.shipped import find, names
 from armadico.config.worlds import load_world
 from armadico.core import agent
@@ -41,6 +43,7 @@ from armadico.mobile.messages import (
 from armadico.mobile.obstacles import SONAR, Obstacles
 from armadico.watch.assistant.goals import BY, LONGEST_BY, Goals, by_name, client_in, orderer
 from armadico.watch.assistant.messages import (
+    Against,
     AssistantRecord,
     AssistantReply,
     AssistantRequest,
@@ -59,13 +62,13 @@ from armadico.watch.assistant.policy.messages import (
 from armadico.watch.assistant.policy.policy import BY_SONARS, NO_POLICY, Rules, load
 from armadico.watch.assistant.policy.scene import Scene
 from armadico.watch.assistant.tools import (
-    REFUSED,
     REHEARSE,
     TOOLS,
     Because,
     Goal,
     Named,
     Numbered,
+    Tool,
     Trial,
 )
 
@@ -332,7 +335,7 @@ class Assistant(Agent):
             args = msgspec.json.decode(request.text, type=tool.arguments)
         except msgspec.DecodeError as error:
             if tool.name != "stop":
-                return AssistantReply(refusal=line(f"{tool.name}: {error}"))
+                return AssistantReply(refusal=line(_wrong(tool, request.text, error)))
             args = Because()  # a stop is not refused for its arguments
         if tool.name != "stop":
             forbidden = self._fault or self._beside or self._rules(request).forbids(tool.name)
@@ -427,7 +430,8 @@ class Assistant(Agent):
         if self._approvals.always(waiting):
             return False
         if drive.only_asked:
-            self._finish(drive, AssistantReply(line(f"a person would be asked first: {why}")))
+            text = line(f"a person would be asked first: {why}")
+            self._finish(drive, AssistantReply(text, against=Against.ASKS))
             return True
         waiting.why = line(why + self._approvals.why_not(waiting))
         self._waits = None
@@ -538,7 +542,8 @@ class Assistant(Agent):
         """What would become of a request, of which the refusal is not that of the rehearsal."""
         if outcome.refusal in ("", BUSY):
             return outcome
-        return AssistantReply(line(f"{drive.wanted.tool} {REFUSED}{outcome.refusal}"))
+        text = line(f"{drive.wanted.tool} would be refused: {outcome.refusal}")
+        return AssistantReply(text, against=Against.REFUSED)
 
     def _drive(
         self,
@@ -925,3 +930,14 @@ class Assistant(Agent):
 
         cancel = MissionCancel(number, line(f"the policy: {why}")[:LABEL])
         self.query(cancel, on_reply, CANCEL_S)
+
+
+def _wrong(tool: Tool, text: str, error: msgspec.DecodeError) -> str:
+    """What is wrong with a tool's arguments: which one, its value, and what is expected."""
+    try:
+        convert(json.loads(text), tool.arguments, tool.name, "")
+    except ConfigError as found:
+        return str(found)
+    except (ValueError, RecursionError):
+        pass  # it is no JSON
+    return f"{tool.name}: {error}"

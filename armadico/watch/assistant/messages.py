@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from typing import ClassVar
 
 from armadico.core.messages import Bits64, Counter, Label, Message, Name, Text
@@ -31,6 +32,14 @@ class AssistantRequest(Message, frozen=True):
         return known_as(self.by, self.called) or "a program"
 
 
+class Against(StrEnum):
+    """What would become of what is rehearsed, if it were requested; the text says why."""
+
+    NOTHING = "nothing"
+    ASKS = "asks"  # a person would be asked first
+    REFUSED = "refused"  # it would be refused
+
+
 class AssistantReply(Message, frozen=True):
     """The result of the request, or the reason of its refusal."""
 
@@ -38,8 +47,9 @@ class AssistantReply(Message, frozen=True):
     refusal: Text = ""
     mission: Bits64 = 0  # that it led to; 0: none
     approval: Bits64 = 0  # it waits for a person, and is asked for by this number; 0: it does not
+    against: Against = Against.NOTHING  # of a rehearsal
 
-    appended: ClassVar[int] = 1
+    appended: ClassVar[int] = 2
 
 
 class AssistantRecord(Message, frozen=True):

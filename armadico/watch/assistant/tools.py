@@ -113,10 +113,6 @@ REHEARSE: Final = Tool(
     Trial,
 )
 
-REFUSED: Final = "would be refused: "
-"""In the agent's reply to a rehearsal: what is rehearsed may not be done by this client. Another
-text says that a person would be asked first; none, that neither is so."""
-
 TOOLS: Final = {
     tool.name: tool
     for tool in (

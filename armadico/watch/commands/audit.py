@@ -82,7 +82,7 @@ def run(args: Options) -> int:
     auditor = Auditor(rule for rule in RULES if rule.promise in chosen)
     if (world := options.world_of(args.world)) is not None:
         auditor.chart(world.outlines, world)
-    audit = _Audit(auditor, world, loud=not args.json)
+    audit = _Audit(auditor, world, whole=not args.only, loud=not args.json)
     try:
         if args.file is None:
             _live(args, audit)
@@ -100,9 +100,12 @@ def _name(promise: Promise) -> str:
 class _Audit:
     """Judges messages, prints findings as they come, and then the verdict on each promise."""
 
-    def __init__(self, auditor: Auditor, world: World | None, *, loud: bool) -> None:
+    def __init__(
+        self, auditor: Auditor, world: World | None, *, whole: bool, loud: bool
+    ) -> None:
+        """`world` is that of --world; `whole`: all promises are judged, not a selection."""
         self.auditor = auditor
-        self._world = world  # of --world
+        self._world, self._whole = world, whole
         self.unread: list[str] = []  # why something was not judged at all
         self.notes: list[str] = []  # what else its reader must know
         self._cards: dict[str, Card] = {}
@@ -196,6 +199,9 @@ class _Audit:
         judged = [Judgement(each.answer, each.text) for each in tested]
         if not tested:
             self.unread.append("there was no occasion to break any of these promises")
+        elif self._whole and not self.auditor.driven:
+            # What a robot at rest keeps is no evidence of what it does when it is driven.
+            self.unread.append("no agent drove the robot")
         judged += [Judgement(Answer.UNKNOWN, why) for why in self.unread]
         verdict = all_of(judged)
         kept = any(each.answer is Answer.YES for each in report) and not self.unread

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
-from armadico.cli.options import FailedError, UsageError
+from armadico.cli.options import FailedError, UnknownError, UsageError
 from armadico.cli.parsing import FILE, Command, argument, option
 from armadico.core.discovery import TRANSLATORS, installed
+
+if TYPE_CHECKING:
+    from armadico.watch.recordings import Warn
 
 EXAMPLES = """\
   armadico export run.mcap --to csv                   one table a topic, in the folder run-csv
@@ -34,21 +37,33 @@ class Options:
 
 
 def run(args: Options) -> int:
+    """Returns 0 only if the whole recording was read."""
     options.need("mcap", "record")
     from armadico.watch.recordings import RecordingError
 
+    warn, damage = options.reporter("armadico export"), list[str]()
+
+    def damaged(text: str) -> None:
+        damage.append(text)
+        warn(text)
+
     try:
-        summary = {"csv": _to_csv, "rrd": _to_rrd}.get(args.to, _to_others)(args)
+        summary = {"csv": _to_csv, "rrd": _to_rrd}.get(args.to, _to_others)(args, damaged)
     except RecordingError as error:
         raise UsageError(str(error)) from None
+    except FailedError as error:
+        # What was asked for may be in what could not be read.
+        raise (UnknownError(str(error)) if damage else error) from None
     except OSError as error:
         where = error.filename or _out(args)  # the error of a full disk names no file
         raise FailedError(f"{where}: {error.strerror or error}") from None
     print(summary)
-    return 0
+    if damage:
+        print("The recording is damaged: missing messages were not exported.")
+    return options.UNKNOWN if damage else 0
 
 
-def _to_csv(args: Options) -> str:
+def _to_csv(args: Options, warn: Warn) -> str:
     from armadico.watch.export import Tables
     from armadico.watch.recordings import rows
 
@@ -56,7 +71,7 @@ def _to_csv(args: Options) -> str:
     if any(folder.glob("*.csv")):  # tables of topics that this recording lacks would stay
         raise FailedError(f"{folder} holds tables already; name another folder with --out")
     with Tables(folder) as tables:
-        for row in rows(args.file, options.reporter("armadico export")):
+        for row in rows(args.file, warn):
             if args.namespace in (None, row.namespace):
                 tables.write(row)
     if not tables.rows:
@@ -64,7 +79,7 @@ def _to_csv(args: Options) -> str:
     return f"{tables.rows} messages of {len(tables.topics)} topics in {folder}"
 
 
-def _to_rrd(args: Options) -> str:
+def _to_rrd(args: Options, warn: Warn) -> str:
     from armadico.watch.commands.dashboard import zones
     from armadico.watch.export import to_rrd
 
@@ -76,14 +91,14 @@ def _to_rrd(args: Options) -> str:
         args.namespace,
         options.world_of(args.world),
         zones(),
-        options.reporter("armadico export"),
+        warn,
     )
     if not count:
         raise FailedError(f"{args.file} holds no messages" + _of(args))
     return f"{count} messages in {out}"
 
 
-def _to_others(args: Options) -> str:
+def _to_others(args: Options, warn: Warn) -> str:
     from armadico.watch.export import translated
 
     out = _out(args)
@@ -95,7 +110,7 @@ def _to_others(args: Options) -> str:
             out,
             args.to,
             args.namespace,
-            options.reporter("armadico export"),
+            warn,
             options.world_of(args.world),
         )
     except FileExistsError:
@@ -124,6 +139,6 @@ main: Final = Command(
     Options,
     run,
     "Convert a recording of `armadico record`. A truncated recording is converted as far as it"
-    " can be read.",
+    " can be read, and the exit code is then 3.",
     EXAMPLES,
 )

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.child import collect_seldom
 from armadico.cli import options
-from armadico.cli.options import UsageError
+from armadico.cli.options import UnknownError, UsageError
 from armadico.cli.parsing import FILE, Command, argument, at_least, flag, more_than, option, several
 
 if TYPE_CHECKING:
@@ -65,7 +65,8 @@ class Options:
 def run(args: Options) -> int:
     """Returns 0 only if all chosen agents were replayed to their ends with the same decisions.
 
-    With `--set` those that it changes are judged alone, and their decisions may differ.
+    With `--set` those that it changes are judged alone, and their decisions may differ. The missing
+    decisions of a damaged recording are unknown.
     """
     options.need("mcap", "record")
     from armadico.watch.recordings import Past, RecordingError
@@ -92,7 +93,9 @@ def run(args: Options) -> int:
             print("The recording is damaged: missing messages were not compared.")
     judged = [each for each in outcomes if each.name in sets] if args.sets else outcomes
     whole = all((args.sets or each.equal) and not each.refusal and not each.end for each in judged)
-    return 0 if whole and not damage else options.FAILED
+    if not whole:
+        return options.FAILED
+    return options.UNKNOWN if damage else 0
 
 
 def _chosen(args: Options, past: Past) -> list[Journal]:
@@ -100,7 +103,7 @@ def _chosen(args: Options, past: Past) -> list[Journal]:
     found = past.journals()
     spaces = sorted({journal.namespace for journal in found})
     if not found:
-        raise UsageError(f"{args.file} holds no agents")
+        raise (UnknownError if past.damage else UsageError)(f"{args.file} holds no agents")
     if args.namespace is not None and args.namespace not in spaces:
         raise UsageError(
             f"--namespace {args.namespace}: not in {args.file}, which holds {', '.join(spaces)}"

@@ -99,7 +99,7 @@ def run(args: Options) -> int:
     import msgspec
 
     _check(args)
-    found, beside, code = _live(args) if args.file is None else (_recorded(args, args.file), [], 0)
+    found, beside, code = _live(args) if args.file is None else _recorded(args, args.file)
     if args.json:
         print(json.dumps(msgspec.to_builtins(found), indent=2))
     else:
@@ -167,14 +167,19 @@ def with_drives(chronicle: Chronicle, namespace: str, began: float) -> Moment:
 # A recording --------------------------------------------------------------------------------------
 
 
-def _recorded(args: Options, file: Path) -> Answer:
+def _recorded(args: Options, file: Path) -> tuple[Answer, list[str], int]:
+    """As `_live`. How a damaged recording ended is unknown; one event in it is not."""
     options.need("mcap", "record")
+    from armadico.watch.explained import Event
     from armadico.watch.recordings import Past, RecordingError
 
     try:
-        return _answer(args, Past(file, options.reporter("armadico why")))
+        past = Past(file, options.reporter("armadico why"))
+        found = _answer(args, past)
     except RecordingError as error:
         raise UsageError(str(error)) from None
+    whole = args.at is not None or isinstance(found, Event)
+    return found, [], options.UNKNOWN if past.damage and not whole else 0
 
 
 def _answer(args: Options, past: Past) -> Answer:
@@ -236,7 +241,7 @@ def _read(args: Options, past: Past, again: Bids) -> Answer:
         raise UsageError(f"{args.file} holds {names}; name one robot: --namespace NS")
     if chronicle.view.state is None and not chronicle.view.cards:
         of = f" of {args.mesh.namespace!r}" if args.mesh.namespace else ""
-        raise FailedError(f"{args.file} holds no messages{of}")
+        raise (UnknownError if past.damage else FailedError)(f"{args.file} holds no messages{of}")
     if at is not None and found is None:
         raise UsageError(f"--at {at:g}: expected 0 to {t:.1f} s, the length of {args.file}")
     chronicle.finish()

@@ -12,8 +12,8 @@ from msgspec.structs import replace
 from armadico.config.shipped import names
 from armadico.core.messages import MessageError, checked
 from armadico.observe.jsons import JsonObject
-from armadico.watch.assistant.messages import AssistantReply, AssistantRequest
-from armadico.watch.assistant.tools import REFUSED, Goal, Numbered, Trial
+from armadico.watch.assistant.messages import Against, AssistantReply, AssistantRequest
+from armadico.watch.assistant.tools import Goal, Numbered, Trial
 from armadico.watch.mcp.lines import Call, answer, in_ascii, progress
 from armadico.watch.mcp.short import fitted
 from armadico.watch.mcp.waiting import Wait
@@ -80,7 +80,7 @@ class Approving(Open):
 class Rehearsing(Open):
     """It is answered by a rehearsal, on a thread of its own."""
 
-    against: str = ""  # what the policy has against what is rehearsed; "" if nothing
+    against: AssistantReply  # what the policy has against what is rehearsed; no text if nothing
     done: int = 0  # samples that have ended
     # What the rehearsal told; a text: why it is refused.
     answer: Mapping[str, Any] | str | None = None
@@ -91,12 +91,12 @@ class Rehearsing(Open):
         assert isinstance(self.answer, Mapping), "it has ended"
         small, says = dict(self.answer["small"]), self.answer["says"]
         small.pop("says", None)
-        if not self.against:
+        if not self.against.text:
             return {"text": says, **small}
-        refused = REFUSED in self.against
+        refused = self.against.against is Against.REFUSED
         if refused or small["answer"] == "yes":
             small["answer"] = "no" if refused else "unknown"
-        return {"text": f"{self.against}. The rehearsal: {says}", **small}
+        return {"text": f"{self.against.text}. The rehearsal: {says}", **small}
 
 
 def ill_posed(trial: Trial) -> str:

@@ -7,6 +7,7 @@ no line raises an exception.
 
 from __future__ import annotations
 
+import json
 import re
 from base64 import b64decode, b64encode
 from collections.abc import Callable, Mapping
@@ -189,6 +190,8 @@ class Lines:
         except msgspec.ValidationError as error:
             return _error(None, INVALID, f"not a JSON-RPC message: {error}")
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            if plain := _without_nan(data):
+                return self.receive(plain)
             return _error(None, PARSE_ERROR, f"not JSON: {error}")
         if message.method is UNSET or message.id is UNSET or message.id is None:
             return _dropped(message)
@@ -339,7 +342,8 @@ def mismatch(data: bytes, headers: Mapping[str, str]) -> bytes | None:
     try:
         body = msgspec.json.decode(data, type=_Outline)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        return None
+        plain = _without_nan(data)
+        return mismatch(plain, headers) if plain else None
     given, inside = headers.get(VERSION_HEADER), body.params.meta.version
     number = body.id if isinstance(body.id, int | str) else None
     if given != (inside or given) or (given == STATELESS and number is not None and not inside):
@@ -363,6 +367,25 @@ def mismatch(data: bytes, headers: Mapping[str, str]) -> bytes | None:
 def named(name: str) -> str:
     """Return a client's name as it is shown."""
     return line(name)[:NAME_LONGEST]
+
+
+def _without_nan(data: bytes) -> bytes | None:
+    """Return a line with `NaN` and `Infinity` as text; None if it has none, or is no JSON either.
+
+    JSON has no such numbers, but Python's `json` writes them. As text they are refused where they
+    belong, in the answer to the call, and a stop is obeyed.
+    """
+    found: list[str] = []
+
+    def text(constant: str) -> str:
+        found.append(constant)
+        return constant
+
+    try:
+        plain = json.dumps(json.loads(data, parse_constant=text), allow_nan=False)
+    except (ValueError, RecursionError):
+        return None
+    return plain.encode() if found else None
 
 
 def _decoded(header: str | None) -> str | None:

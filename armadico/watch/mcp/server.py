@@ -519,11 +519,11 @@ class Server:
             mission_of = {"mission": str(reply.mission)} if reply.mission else {}
             asked.send(answer(call, fitted({"text": reply.text} | mission_of)))
         elif call.tool == REHEARSE.name:
-            self._try(asked, msgspec.json.decode(call.text, type=Trial), reply.text)
+            self._try(asked, msgspec.json.decode(call.text, type=Trial), reply)
         else:
             self._show(asked)
 
-    def _try(self, asked: Asked, trial: Trial, against: str) -> None:
+    def _try(self, asked: Asked, trial: Trial, against: AssistantReply) -> None:
         """Begin a rehearsal; one at a time, since each takes all spare processors."""
         if self._rehearse is None:
             refuse(asked, "no rehearsal is installed here")

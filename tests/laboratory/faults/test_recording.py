@@ -17,6 +17,7 @@ from armadico.core.messages import (
     Ballot,
     BidHistory,
     BidRecord,
+    Card,
     Claim,
     Cycle,
     Description,
@@ -186,6 +187,8 @@ def test_what_a_recording_did_not_hold_for_a_while_is_unknown(
         ([*range(30), *range(70, 100)], False, "between cycles 29 and 70"),
         (range(60), False, "between cycles 59 and 99"),
         (range(60), True, ""),
+        (range(0), False, "between cycles 0 and 99"),
+        (range(0), True, ""),
     ],
 )
 def test_whether_an_agent_bid_is_unknown_where_its_bids_were_not_recorded(
@@ -197,6 +200,8 @@ def test_whether_an_agent_bid_is_unknown_where_its_bids_were_not_recorded(
 ) -> None:
     recording = Recording(path := tmp_path / "bids.mcap")
     recording.add(Presence("robot1", "goto", GOTO, True, SECOND))
+    card = Card("goto", GOTO, "lab1", 7, "1", 1, (), (), ("wheels",))
+    recording.add(Received("robot1", f"agent/goto/{GOTO}/card", encode(card), SECOND, True))
     for number in range(100):
         at = SECOND + number * SECOND // 10
         recording.add(Received("robot1", "robot/state", encode(state(number)), at))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -15,6 +16,7 @@ import pytest
 
 from armadico import cli
 from armadico.cli import goto, options
+from armadico.core.discovery import COMMANDS, installed
 from armadico.core.messages import Cycle, RobotState, Stop
 from tests.programs import BIN, SOON, call
 
@@ -32,6 +34,17 @@ def test_a_name_in_brackets_is_a_name(tmp_path: Path, capsys: pytest.CaptureFixt
     scenario = files(f'name = "[/nope][red]x"\n{SCENARIO}', tmp_path)
     assert cli.main(["run", scenario, "--virtual"]) == 0
     assert "[/nope][red]x: reached" in capsys.readouterr().out
+
+
+def test_a_command_of_another_tool_names_the_own_one(capsys: pytest.CaptureFixture[str]) -> None:
+    """The most similar name would mislead: `faults` for `status`."""
+    assert cli.main(["status"]) == options.USAGE
+    assert "no command 'status'; `armadico ps` lists the agents" in capsys.readouterr().err
+    for advice in cli.ELSEWHERE.values():
+        for command in re.findall(r"`armadico (\S+?)[` ]", advice):
+            # Those of another package may not be installed.
+            if command not in {"top", "graph", "echo", "record", "replay"}:
+                assert command in installed(COMMANDS)
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="no /dev/full")

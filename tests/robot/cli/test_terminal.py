@@ -12,7 +12,8 @@ import pytest
 
 from armadico.bridge.simulator.server import TcpLine
 from armadico.cli import doctor, logs, main
-from armadico.cli.options import Mesh, UsageError
+from armadico.cli.options import FAILED, Mesh, UsageError
+from armadico.launch.processes import logs_folder
 from armadico.mesh.sockets import socket_of
 from tests.robot.terminal import NAMESPACE, SOON, Run, Society
 
@@ -37,6 +38,28 @@ def test_logs_of_a_run_come_in_order(run: Run, tmp_path: Path) -> None:
         "3",
     ]
     assert run("logs", "nobody", "--folder", str(tmp_path)).returncode == 1
+
+
+def test_logs_are_of_the_robot_that_was_chosen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A newer run of another robot would be taken for this one's."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    for number, namespace in enumerate(("a", "a-b", "a/b")):
+        folder = logs_folder(namespace)
+        (folder / "goto.log").write_text(f"10:00:00.100 goto INFO of {namespace}\n")
+        os.utime(folder, (number, number))
+    for namespace in ("a", "a-b", "a/b"):
+        monkeypatch.delenv("ARMADICO_NAMESPACE", raising=False)
+        assert main(["logs", "--namespace", namespace]) == 0
+        monkeypatch.setenv("ARMADICO_NAMESPACE", namespace)
+        assert main(["logs"]) == 0
+        assert capsys.readouterr().out.splitlines() == 2 * [
+            f"10:00:00.100 goto INFO of {namespace}"
+        ]
+    monkeypatch.setenv("ARMADICO_NAMESPACE", "c")
+    assert main(["logs"]) == FAILED
+    assert "logs of a, a-b, a/b: choose with --namespace" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -32,7 +32,7 @@ from armadico.launch.client import Client
 from armadico.launch.society import Options, members
 from armadico.launch.virtual import Rehearsal
 from armadico.launch.virtual_session import VirtualSession
-from armadico.mobile.messages import MissionState, MissionStatus, Trajectory, Truth
+from armadico.mobile.messages import MissionState, MissionStatus, Pose, Trajectory, Truth
 from armadico.observe.measures import RunWatch
 from armadico.observe.view import driver
 from armadico.runtime.errors import RunFailedError
@@ -175,6 +175,16 @@ def test_a_goal_without_a_heading_is_looked_at_from_where_the_robot_is() -> None
     trajectory = client.latest(Trajectory, timeout=2.0)
     assert trajectory is not None
     assert trajectory.waypoints[-1].theta == pytest.approx(pi / 4, abs=0.01)
+
+
+def test_a_robot_that_is_sent_where_it_stands_is_there() -> None:
+    """The line to the goal is that of an error of the pose: it is no heading to turn to."""
+    rehearsal = Rehearsal(replace(LINE, goal=None), Options())
+    client = Client(VirtualSession(rehearsal.mesh))
+    rehearsal.start()
+    pose = client.latest(Pose, timeout=2.0)
+    assert pose is not None
+    assert client.goto(pose.x - 0.02, pose.y - 0.02, direct=True).wait(1.0)
 
 
 @pytest.mark.long(but=("sc3-pioneer-2dx-0.15",))

@@ -121,6 +121,21 @@ def test_an_odometry_that_comes_in_bursts_or_later_and_later_has_the_same_scale(
             assert Promise.ODOMETRY not in accused(late, drive.auditor)
 
 
+@pytest.mark.parametrize(("period", "answer"), [(1.0, Answer.YES), (1.07, Answer.UNKNOWN)])
+def test_the_scale_of_a_base_of_another_period_than_described_is_not_checked(
+    period: float, answer: Answer
+) -> None:
+    auditor = Drive().auditor.anew()
+    for at, message in Drive().go(15).said:
+        same = replace(message, t=period * message.t) if isinstance(message, Truth) else message
+        auditor.update(period * at, "", same)
+    report = auditor.report()
+    answers = [each for each in report if each.promise is Promise.ODOMETRY]
+    found = next((each for each in answers if each.answer is not Answer.YES), answers[0])
+    assert (found.answer, found.occasion) == (answer, True)
+    assert ("s of the robot's cycles are" in found.what) is (answer is Answer.UNKNOWN)
+
+
 def test_an_odometry_whose_cycles_are_shorter_than_described_goes_as_fast_as_is_measured() -> None:
     drive = Drive()
     for _ in range(100):

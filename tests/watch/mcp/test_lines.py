@@ -193,6 +193,22 @@ def test_a_call_can_be_followed_and_withdrawn() -> None:
     assert lines.receive(json.dumps({**notification, "params": []}).encode()) is None
 
 
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+def test_a_number_that_json_lacks_is_refused_by_its_name_and_keeps_no_client_waiting(
+    value: float,
+) -> None:
+    """Python's `json` writes it. The agent that refuses it names the argument."""
+    arguments = {"x": value, "y": 1}
+    params = {"name": "goto", "arguments": arguments}
+    call = Lines("0.1").receive(request(method="tools/call", params=params))
+    assert isinstance(call, Call)
+    assert json.loads(call.text) == {"x": json.dumps(value), "y": 1}
+    with_headers = stateless("tools/call", name="goto", arguments=arguments)
+    assert mismatch(with_headers, AGREED) is None
+    error = mismatch(with_headers, AGREED | {"mcp-name": "stop"})
+    assert error is not None
+
+
 AGREED = {
     "mcp-protocol-version": STATELESS,
     "mcp-method": "tools/call",

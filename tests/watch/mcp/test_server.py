@@ -20,7 +20,7 @@ from armadico.core.config_errors import ConfigError
 from armadico.core.messages import Cycle, Message, RobotState, Stop
 from armadico.mobile.messages import MissionState, MissionStatus
 from armadico.observe.watching import Clock
-from armadico.watch.assistant.messages import AssistantReply, AssistantRequest
+from armadico.watch.assistant.messages import Against, AssistantReply, AssistantRequest
 from armadico.watch.assistant.policy.messages import Approvals
 from armadico.watch.assistant.tools import REHEARSE, TOOLS
 from armadico.watch.mcp import server
@@ -516,18 +516,24 @@ def test_a_rehearsal_delays_no_other_call_and_there_is_one_at_a_time(
 
 
 @pytest.mark.parametrize(
-    ("against", "virtual", "answer"),
+    ("why", "against", "virtual", "answer"),
     [
-        ("", "yes", "yes"),
-        ("", "unknown", "unknown"),
-        ("goto would be refused: the policy (default) forbids goto", "yes", "no"),
-        ("goto would be refused: the policy (default) forbids goto", "unknown", "no"),
-        ("a person would be asked first: the way leads through C", "yes", "unknown"),
-        ("a person would be asked first: the way leads through C", "no", "no"),
+        ("", Against.NOTHING, "yes", "yes"),
+        ("", Against.NOTHING, "unknown", "unknown"),
+        ("the policy (default) forbids goto", Against.REFUSED, "yes", "no"),
+        ("the policy (default) forbids goto", Against.REFUSED, "unknown", "no"),
+        ("the way to 'would be refused: ' leads through C", Against.ASKS, "yes", "unknown"),
+        ("the way leads through C", Against.ASKS, "no", "no"),
+        ("of an agent of an older version", Against.NOTHING, "yes", "unknown"),
     ],
 )
 def test_what_the_policy_has_against_a_goal_is_told_with_its_rehearsal(
-    house: Gazetteer, monkeypatch: pytest.MonkeyPatch, against: str, virtual: str, answer: str
+    house: Gazetteer,
+    monkeypatch: pytest.MonkeyPatch,
+    why: str,
+    against: Against,
+    virtual: str,
+    answer: str,
 ) -> None:
     monkeypatch.setitem(TOOLS, "rehearse", REHEARSE)
 
@@ -535,12 +541,12 @@ def test_what_the_policy_has_against_a_goal_is_told_with_its_rehearsal(
         return {"says": "driven", "small": {"answer": virtual, "says": "driven"}}
 
     guest = Guest()
-    guest.replies["rehearse"] = [AssistantReply(against)]
+    guest.replies["rehearse"] = [AssistantReply(why, against=against)]
     served = Served(Guest(), guest, house, rehearse)
     served.call(1, "rehearse", place="E")
     _, found = served.answer()
     assert found["answer"] == answer
-    assert found["text"] == (f"{against}. The rehearsal: driven" if against else "driven")
+    assert found["text"] == (f"{why}. The rehearsal: driven" if why else "driven")
     served.end()
 
 

@@ -16,7 +16,7 @@ from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
 from armadico.core.messages import LABEL, Log
 from armadico.mobile.messages import MissionState
-from armadico.watch.assistant.messages import AssistantReply, AssistantRequest
+from armadico.watch.assistant.messages import Against, AssistantReply, AssistantRequest
 from armadico.watch.assistant.policy.ledger import check, lines_of
 from armadico.watch.assistant.policy.messages import Approvals, Choice
 from armadico.watch.assistant.policy.policy import BY_SONARS, load, read
@@ -237,7 +237,8 @@ def test_a_rehearsal_tells_what_the_policy_has_against_it_and_nothing_begins(
     reply = house.asks("rehearse", x=6.9, y=2.0)
     assert (reply.refusal, reply.mission, reply.approval) == ("", 0, 0)
     assert reply.text.startswith(against)
-    assert bool(reply.text) == bool(against)
+    asks = Against.ASKS if "asked first" in against else Against.REFUSED
+    assert reply.against is (asks if against else Against.NOTHING)
     house.let_pass(3.0)
     assert house.last(Approvals).waiting == ()
     assert max(house.speeds()) == 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from operator import itemgetter
@@ -26,6 +26,7 @@ from armadico.core.messages import (
     MessageError,
     RobotState,
 )
+from armadico.core.resources import WHEELS
 from armadico.observe.audit.auditor import watched
 from armadico.observe.audit.live import learn
 from armadico.observe.pauses import PAUSE_S
@@ -74,7 +75,8 @@ def check(path: Path, namespace: str | None, warn: Callable[[str], None]) -> Che
     checker = Checker(about.bounds)
     for card in about.cards:
         learn(checker.auditor, card)
-    past, bidding = Past(path, warn), Bidding()
+    # Under another mechanism a contender keeps no bids.
+    past, bidding = Past(path, warn), Bidding({} if about.bounds.coordination else about.contenders)
     checker.update_all(
         bidding.seen(
             observations(row for row in past.rows() if about.namespace in (None, row.namespace))
@@ -92,7 +94,9 @@ class Bidding:
     would explain what is late.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, contenders: Mapping[str, float]) -> None:
+        """`contenders` are the instances that bid, with the times since which they are alive, s."""
+        self._awaited = dict(contenders)
         self._newest: Cycle | None = None
         self._last: dict[str, Cycle] = {}  # by instance
         self._gaps: dict[str, str] = {}  # the first one of each
@@ -105,8 +109,12 @@ class Bidding:
                 self._last[each.instance] = each.record.cycle
             elif isinstance(each, Left):
                 self._last.pop(each.instance, None)
+                self._awaited.pop(each.instance, None)
             elif isinstance(each, Published) and isinstance(each.message, RobotState):
                 self._newest = each.message.cycle
+                for instance in [one for one, since in self._awaited.items() if since <= each.at]:
+                    del self._awaited[instance]
+                    self._last.setdefault(instance, self._newest)
             yield each
 
     def _add(self, instance: str, cycle: Cycle) -> None:
@@ -128,6 +136,7 @@ class _About(NamedTuple):
     bounds: Bounds
     cards: tuple[Card, ...]
     refused: int  # messages that could not be decoded
+    contenders: dict[str, float]  # the instances that compete for the wheels; when a card came, s
 
 
 def _read(past: Past, namespace: str | None) -> _About:
@@ -135,6 +144,7 @@ def _read(past: Past, namespace: str | None) -> _About:
     past.check()
     robots, described, cards = set[str](), dict[str, Description](), list[tuple[str, Card]]()
     refused = Counter[str]()  # has each namespace, also with 0
+    contenders: dict[tuple[str, str], float] = {}
     for row in past.rows():
         refused[row.namespace] += row.key.endswith(REFUSED)
         if row.schema == STATE:
@@ -144,6 +154,8 @@ def _read(past: Past, namespace: str | None) -> _About:
             described.setdefault(row.namespace, message)
         elif isinstance(message, Card):
             cards.append((row.namespace, message))
+            if WHEELS.name in message.resources:
+                contenders.setdefault((row.namespace, message.instance), row.t / 1e9)
     if namespace is None and len(robots) > 1:
         names = ", ".join(sorted(robots))
         raise RecordingError(f"{past.path} holds {names}; name one robot: --namespace NS")
@@ -156,7 +168,13 @@ def _read(past: Past, namespace: str | None) -> _About:
     own = tuple(card for where, card in cards if where == robot)
     others = ", ".join(each for each in deciding(own) if each != BALLOTS)
     bounds = described_bounds(described.get(robot or ""))
-    return _About(robot, replace(bounds, coordination=others), own, refused[robot or ""])
+    return _About(
+        robot,
+        replace(bounds, coordination=others),
+        own,
+        refused[robot or ""],
+        {instance: at for (where, instance), at in contenders.items() if where == robot},
+    )
 
 
 def observations(recorded: Iterable[Row]) -> Iterator[Observation]:
