@@ -21,6 +21,7 @@ from armadico.bridge.ros2.trail import Trail
 from armadico.bridge.session import Swept
 from armadico.config.profile import Laser
 from armadico.mobile.messages import REACH_M
+from armadico.mobile.repeats import SCANS
 from armadico.mobile.scans import deskewed
 
 SLACK_RAYS, SLACK = 2.0, 0.01
@@ -31,8 +32,9 @@ LONGEST_TURNS = 1.5
 
 REPEATED = 10
 """While the robot moves, a scan with the ranges of one of so many before it is no new scan,
-whatever its stamp: the laser is frozen. Its scans would show that the robot stands. Chosen: the
-laser of the fault bed repeats one or five."""
+whatever its stamp: the laser is frozen. Its scans would show that the robot stands. They are
+compared before they are corrected for its motion. Chosen: the laser of the fault bed repeats one or
+five."""
 
 STANDING = 1e-3
 """A robot that moves by less than this, m and rad, during a scan: it is not corrected."""
@@ -50,6 +52,7 @@ class Scans:
         self._swept: Swept | None = None
         self._ranges: deque[bytes] = deque(maxlen=REPEATED)  # of the newest scans
         self._accepted = 0.0  # the stamp of the newest
+        self._repeats = 0  # scans in a row with ranges of earlier ones, while the robot moved
 
     def begin(self) -> None:
         """Discard the newest scan."""
@@ -91,7 +94,7 @@ class Scans:
         """Use a scan of the laser with this mount. Raises ValueError if it is implausible.
 
         It is corrected for the robot's motion, to the time when the scan was complete. A repeated
-        scan keeps its number.
+        scan keeps its number; from the third in a row on there is none, until the ranges change.
         """
         if mount.tilt > LEVEL_RAD:
             tilt = f"{degrees(mount.tilt):.0f} deg out of the level"
@@ -100,11 +103,15 @@ class Scans:
         ranges, since = found.ranges.tobytes(), self._accepted
         self._accepted = self._stamp
         moves = np.abs(trail.moved([since], self._stamp)).max() >= STANDING
-        if not (moves and ranges in self._ranges):
-            self._count += 1
-            found = replace(found, number=self._count)
+        same = ranges in self._ranges
+        self._repeats = self._repeats + moves if same else 0
         if ((found.least <= found.ranges) & (found.ranges < found.most)).any():
             self._ranges.append(ranges)  # scans without an echo are alike
+        if self._repeats >= SCANS:
+            raise UnusableScanError("it repeats its ranges while the robot moves: it is frozen")
+        if not (moves and same):
+            self._count += 1
+            found = replace(found, number=self._count)
         lasts = float(scan.time_increment) * (len(found.ranges) - 1)
         if isfinite(lasts) and 0.0 < lasts <= LONGEST_TURNS / self.laser.rate_hz:
             if self.laser.stamped == "first":

@@ -177,7 +177,7 @@ def test_a_laser_that_stops_stops_the_robot() -> None:
     assert any("reading of the laser" in text for text in drive.logs())
 
 
-def test_a_frozen_laser_does_not_hold_the_pose_back() -> None:
+def test_a_frozen_laser_does_not_hold_the_pose_back_and_the_robot_stands() -> None:
     options = Options(seed=1)
     scenario = prepared(load_scenario("rooms-b"), options, profile=BURGER)
     drive = Driven(Rehearsal(scenario, options), Pose, Truth)
@@ -189,8 +189,11 @@ def test_a_frozen_laser_does_not_hold_the_pose_back() -> None:
     drive.let_pass(4.0)
     began, *_, truth = drive.of(Truth, since)
     pose = drive.last(Pose)
-    assert hypot(truth.x - began.x, truth.y - began.y) > 0.5, "it drives on"
+    assert began.v > 0.1
+    assert truth.v == pytest.approx(0.0, abs=0.01)
     assert hypot(pose.x - truth.x, pose.y - truth.y) < 0.1
+    robot.plant.laser_readings.fail(None)
+    assert drive.until(lambda: drive.last(Truth).v > 0.1)
 
 
 @pytest.mark.long

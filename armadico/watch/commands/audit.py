@@ -100,9 +100,7 @@ def _name(promise: Promise) -> str:
 class _Audit:
     """Judges messages, prints findings as they come, and then the verdict on each promise."""
 
-    def __init__(
-        self, auditor: Auditor, world: World | None, *, whole: bool, loud: bool
-    ) -> None:
+    def __init__(self, auditor: Auditor, world: World | None, *, whole: bool, loud: bool) -> None:
         """`world` is that of --world; `whole`: all promises are judged, not a selection."""
         self.auditor = auditor
         self._world, self._whole = world, whole
