@@ -1,8 +1,7 @@
 """The sensor readings of a cycle as messages: the sonars' echoes, the laser's scan.
 
-A silent sensor publishes nothing: stale obstacles do not show free space. One that repeats its
-readings while the robot moves is as blind, and counts as silent until they change. Each silence is
-reported once.
+A silent sensor publishes nothing: stale obstacles do not show free space. Each silence is reported
+once.
 """
 
 from __future__ import annotations
@@ -15,15 +14,12 @@ from armadico.bridge.session import Reported, Swept
 from armadico.config.profile import RobotProfile, SonarRing
 from armadico.core.messages import Cycle, Message
 from armadico.mobile.messages import Echo, Scan, Sonar
-from armadico.mobile.repeats import Repeats
 from armadico.mobile.scans import message_of
 
 SILENT = 4
 """Cycles without a reading after which a sensor counts as silent."""
 
 SONAR, LASER = "sonar", "laser"
-
-REPEATED = "same readings again while the robot moves"
 
 
 def sound(report: Reported) -> tuple[Reported | None, str]:
@@ -71,32 +67,21 @@ class Readings:
         self.scan: Scan | None = None
         self.complaints: tuple[str, ...] = ()
         self._no_echo = self._no_scan = 0  # cycles since a sonar fired, and since a scan arrived
-        self._repeats = Repeats()
 
     def update(self, cycle: Cycle, report: Reported) -> None:
         self.complaints = ()
-        pose = report.pose
-        at = pose.x, pose.y, pose.theta
         if self._ring is not None:
             echoes = _echoes(self._ring, report)
-            self._repeats.on_echoes(echoes, at)
-            wrong = f"no sonar has fired for {SILENT} cycles"
-            if self._repeats.sonar:
-                echoes, wrong = (), f"the sonars report the {REPEATED}"
             self.sonar = Sonar(cycle, self._ring.max_m, echoes) if echoes else None
             self._no_echo = 0 if echoes else self._no_echo + 1
             if self._no_echo == SILENT:
-                self._complain(wrong)
+                self._complain(f"no sonar has fired for {SILENT} cycles")
         if self._has_laser:
             wrong = f"{self._awaited} for {SILENT} cycles"
             try:
                 self.scan = _scan(cycle, report.scan)
             except ValueError as error:
                 self.scan, wrong = None, str(error)
-            if self.scan is not None:
-                self._repeats.on_scan(self.scan.number, self.scan.packed, at)
-                if self._repeats.laser:
-                    self.scan, wrong = None, f"the {REPEATED}"
             self._no_scan = 0 if self.scan is not None else self._no_scan + 1
             if self._no_scan == SILENT:
                 self._complain(f"no reading of the laser, {wrong}")

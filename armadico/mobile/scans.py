@@ -23,7 +23,6 @@ Flags = NDArray[np.bool_]
 
 INVALID: Final = 0  # value of a ray: no valid range
 FREE: Final = 65535  # value of a ray: nothing within reach
-NOTHING: Final = bytes((0x00, 0xFF))  # bytes of rays without a range
 MM: Final = 1000.0
 SURFACE: Final = 0.1  # neighbours that differ by more than this share are of two surfaces
 AROUND_M: Final = 0.3  # points so near to a place may be of the same surface

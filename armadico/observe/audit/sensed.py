@@ -12,10 +12,13 @@ import numpy as np
 from armadico.core.messages import Description
 from armadico.mobile.messages import Pose, Scan, Sonar
 from armadico.mobile.obstacles import Obstacles
-from armadico.mobile.scans import NOTHING, Floats, points_of
+from armadico.mobile.scans import Floats, points_of
 
 REMEMBERS_S, SENSED_M = 40.0, 2.0
 """A planner plans around what was sensed within the first, s, by sonar within the second, m."""
+
+NOTHING: Final = bytes((0x00, 0xFF))
+"""The bytes of a scan's rays without a range."""
 
 
 READINGS: Final[dict[str, type[Sonar | Scan]]] = {"sonar": Sonar, "laser": Scan}

@@ -6,18 +6,17 @@ from abc import abstractmethod
 from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import replace
-from math import cos, dist, inf, isfinite, sin
+from math import cos, dist, hypot, inf, isfinite, sin
 from statistics import median
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from armadico.core.messages import Cycle, Description, Point, RobotState
-from armadico.mobile.geometry import compose
+from armadico.mobile.geometry import compose, wrap
 from armadico.mobile.messages import Pose, Scan, Sonar, Truth
 from armadico.mobile.motion import clearances
 from armadico.mobile.obstacles import Obstacles
-from armadico.mobile.repeats import Repeats
 from armadico.mobile.scans import Floats, bearings_of, points_of, ranges_of
 from armadico.mobile.swept_path import Outline
 from armadico.observe.audit.chart import Chart, Sight
@@ -25,6 +24,10 @@ from armadico.observe.audit.poses import CERTAIN_M
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import AGAIN_S, Rule
 from armadico.observe.audit.scene import STATES, Scene
+from armadico.observe.audit.sensed import NOTHING
+
+MOVED_M, TURNED_RAD = 0.05, 0.05
+"""A reading ahead changes over this way, and every reading over this turn."""
 
 MOVES_M_S = 0.05
 """Slower than this, the same readings would count again and again."""
@@ -32,9 +35,12 @@ MOVES_M_S = 0.05
 RENEWS_M_S = 0.1
 """At this speed obstacles move by 1 cm between two messages of them."""
 
+AHEAD_RAD = 0.3
+"""Bearings of readings ahead: others may stay the same along a wall."""
+
 REPEATS = 8
-"""The same obstacles, or readings that ought to have changed, so often in a row are old. The robot
-agent stops by fewer, which costs a moment if it is by chance: an accusation lasts."""
+"""So many readings in a row that should have changed and did not, without one that did, show a
+frozen sensor. A sonar's cone hides a turn of some degrees, so some repeat by chance."""
 
 SONAR_M, LASER_M = 1.5, 4.0
 """Readings of sonars and of lasers are near within this, m: a cone is wide farther away."""
@@ -77,31 +83,55 @@ class Changes(Rule):
 
     def __init__(self) -> None:
         super().__init__()
-        self._epoch: int | None = None  # of the odometry
-        self._repeats = Repeats(REPEATS, REPEATS)
+        # By sonar: the last range, and the robot's state then.
+        self._echoes: dict[tuple[float, ...], tuple[float, RobotState]] = {}
+        self._scan: tuple[int, bytes, RobotState] | None = None
+        self._repeats: dict[str, int] = {}
 
     def on_sonar(self, sonar: Sonar, now: Scene) -> Iterator[Finding]:
-        if (state := self._state(sonar.cycle, now)) is not None:
-            self._repeats.on_echoes(sonar.echoes, (state.x, state.y, state.theta))
-            yield from self._reads("sonar", now, self._repeats.sonar)
+        state = now.states.get(sonar.cycle)
+        if state is None:
+            return
+        for echo in sonar.echoes:
+            if echo.range is None:
+                continue
+            key = echo.x, echo.y, echo.bearing
+            last = self._echoes.get(key)
+            ahead = abs(wrap(echo.bearing)) < AHEAD_RAD
+            if last is None or last[1].cycle.epoch != state.cycle.epoch:
+                self._echoes[key] = echo.range, state  # of another odometry
+                continue
+            if not _moved(last[1], state, ahead=ahead):
+                continue
+            self._echoes[key] = echo.range, state
+            yield from self._reads("sonar", now, same=last[0] == echo.range)
 
     def on_scan(self, scan: Scan, now: Scene) -> Iterator[Finding]:
-        if (state := self._state(scan.cycle, now)) is not None:
-            self._repeats.on_scan(scan.number, scan.packed, (state.x, state.y, state.theta))
-            yield from self._reads("laser", now, self._repeats.laser)
+        state, known = now.states.get(scan.cycle), self._scan
+        if state is None or not scan.packed.strip(NOTHING):
+            return
+        if known is None or known[2].cycle.epoch != state.cycle.epoch:
+            self._scan = scan.number, scan.packed, state
+        elif scan.number == known[0]:
+            return
+        elif _moved(known[2], state, ahead=True):
+            self._scan = scan.number, scan.packed, state
+            yield from self._reads("laser", now, same=known[1] == scan.packed)
 
-    def _state(self, cycle: Cycle, now: Scene) -> RobotState | None:
-        state = now.states.get(cycle)
-        if state is not None and state.cycle.epoch != self._epoch:
-            self._epoch, self._repeats = state.cycle.epoch, Repeats(REPEATS, REPEATS)
-        return state
+    def _reads(self, sensor: str, now: Scene, *, same: bool) -> Iterator[Finding]:
+        self.checked = True
+        self._repeats[sensor] = self._repeats.get(sensor, 0) + 1 if same else 0
+        if self._repeats[sensor] < REPEATS:
+            return
+        self._repeats[sensor] = 0
+        if now.excuse(Excuse.DISTURBED) is None and self.is_new(sensor, now, AGAIN_S):
+            what = f"the {sensor} repeats its readings while the robot moves"
+            yield self.found(now, sensor, what, f"{REPEATS} in a row")
 
-    def _reads(self, sensor: str, now: Scene, frozen: bool | None) -> Iterator[Finding]:
-        self.checked |= frozen is not None
-        if frozen and now.excuse(Excuse.DISTURBED) is None and self.is_new(sensor, now, AGAIN_S):
-            yield self.found(
-                now, sensor, f"the {sensor} repeats its readings while the robot moves"
-            )
+
+def _moved(since: RobotState, to: RobotState, *, ahead: bool) -> bool:
+    turned = abs(wrap(to.theta - since.theta)) > TURNED_RAD
+    return turned or (ahead and hypot(to.x - since.x, to.y - since.y) > MOVED_M)
 
 
 class Renewed(Rule):
