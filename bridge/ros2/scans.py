@@ -21,7 +21,6 @@ from armadico.bridge.ros2.trail import Trail
 from armadico.bridge.session import Swept
 from armadico.config.profile import Laser
 from armadico.mobile.messages import REACH_M
-from armadico.mobile.repeats import SCANS
 from armadico.mobile.scans import deskewed
 
 SLACK_RAYS, SLACK = 2.0, 0.01
@@ -31,10 +30,13 @@ LONGEST_TURNS = 1.5
 """A scan that took longer than so many turns of the laser has wrong times: they are not used."""
 
 REPEATED = 10
-"""While the robot moves, a scan with the ranges of one of so many before it is no new scan,
-whatever its stamp: the laser is frozen. Its scans would show that the robot stands. They are
-compared before they are corrected for its motion. Chosen: the laser of the fault bed repeats one or
-five."""
+"""While the robot moves, ranges that equal those of one of so many scans before are no new scan,
+whatever its stamp: the laser is frozen. It would show that the robot stands. They are compared
+before they are corrected for its motion. Chosen: the laser of the fault bed repeats one or five."""
+
+RECUR = 60
+"""Fewer ranges, of a laser that rounds them, recur by chance in a corridor: they are not compared.
+Chosen; the lasers of the shipped profiles have 360 rays and more."""
 
 STANDING = 1e-3
 """A robot that moves by less than this, m and rad, during a scan: it is not corrected."""
@@ -50,9 +52,10 @@ class Scans:
         self._stamp, self._count = 0.0, 0
         self._at = 0.0  # when the newest scan was complete
         self._swept: Swept | None = None
+        self._before: tuple[Swept | None, float] = None, 0.0  # the scan before, and its time
         self._ranges: deque[bytes] = deque(maxlen=REPEATED)  # of the newest scans
-        self._accepted = 0.0  # the stamp of the newest
-        self._repeats = 0  # scans in a row with ranges of earlier ones, while the robot moved
+        self._compared = 0.0  # the stamp of the newest
+        self._frozen = False
 
     def begin(self) -> None:
         """Discard the newest scan."""
@@ -74,14 +77,13 @@ class Scans:
         payload, self._payload = self._payload, None
         if payload is None:
             return None
-        before, swept, at = self._stamp, self._swept, self._at
-        self._swept = None
+        before = self._stamp
+        self._before, self._swept = (self._swept, self._at), None
         self._stamp = self._at = stamp_of(payload)
         if self._stamp == 0.0 and stamp > self._old_s:
             raise UnusableScanError("its scans have no time stamp (it is 0): set one in its driver")
         if self._stamp == before:
-            self._swept, self._at = swept, at
-            raise UnusableScanError("it repeats the same scan")
+            raise self._same("it repeats the same scan")
         age = stamp - self._stamp
         if abs(age) > self._old_s:
             where = "older than" if age > 0.0 else "ahead of"
@@ -93,25 +95,15 @@ class Scans:
     def accept(self, scan: types.LaserScan, mount: Mount, trail: Trail) -> None:
         """Use a scan of the laser with this mount. Raises ValueError if it is implausible.
 
-        It is corrected for the robot's motion, to the time when the scan was complete. A repeated
-        scan keeps its number; from the third in a row on there is none, until the ranges change.
+        It is corrected for the robot's motion, to the time when the scan was complete.
         """
         if mount.tilt > LEVEL_RAD:
             tilt = f"{degrees(mount.tilt):.0f} deg out of the level"
             raise ValueError(f"its frame {scan.header.frame_id} is tilted, {tilt}")
-        found = swept(scan, self.laser, mount, self._count)
-        ranges, since = found.ranges.tobytes(), self._accepted
-        self._accepted = self._stamp
-        moves = np.abs(trail.moved([since], self._stamp)).max() >= STANDING
-        same = ranges in self._ranges
-        self._repeats = self._repeats + moves if same else 0
-        if ((found.least <= found.ranges) & (found.ranges < found.most)).any():
-            self._ranges.append(ranges)  # scans without an echo are alike
-        if self._repeats >= SCANS:
-            raise UnusableScanError("it repeats its ranges while the robot moves: it is frozen")
-        if not (moves and same):
-            self._count += 1
-            found = replace(found, number=self._count)
+        found = swept(scan, self.laser, mount, self._count + 1)
+        if self._is_frozen(found, trail):
+            raise self._same("it repeats its ranges while the robot moves")
+        self._count += 1
         lasts = float(scan.time_increment) * (len(found.ranges) - 1)
         if isfinite(lasts) and 0.0 < lasts <= LONGEST_TURNS / self.laser.rate_hz:
             if self.laser.stamped == "first":
@@ -119,6 +111,24 @@ class Scans:
             if self.laser.time_order:
                 found = self._corrected(found, lasts, trail)
         self._swept = found
+
+    def _is_frozen(self, found: Swept, trail: Trail) -> bool:
+        """Whether the ranges have not changed since the robot moved."""
+        since, self._compared = self._compared, self._stamp
+        if ((found.least <= found.ranges) & (found.ranges < found.most)).sum() < RECUR:
+            self._frozen = False
+            return False
+        ranges = found.ranges.tobytes()
+        same = ranges in self._ranges
+        self._ranges.append(ranges)
+        moves = np.abs(trail.moved([since], self._stamp)).max() >= STANDING
+        self._frozen = same and bool(self._frozen or moves)
+        return self._frozen
+
+    def _same(self, why: str) -> UnusableScanError:
+        """The scan before is still the newest, and grows old."""
+        self._swept, self._at = self._before
+        return UnusableScanError(why)
 
     def _corrected(self, found: Swept, lasts: float, trail: Trail) -> Swept:
         """A scan that took `lasts` s, as if measured when it was complete."""
