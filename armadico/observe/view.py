@@ -457,6 +457,12 @@ class View:
         """For how long an instance is known to have bid for a resource without a pause, s."""
         return now - self._bidding.get((instance, resource), now)
 
+    def mission_silent_s(self, now: float) -> float | None:
+        """For how long no mission status has come, s; None while it is fresh or there was none."""
+        if self.mission is None or self._recent(MissionStatus, now) is not None:
+            return None
+        return now - self._latest[MissionStatus][1]
+
     def unanswered_s(self, instance: str, now: float) -> float:
         """For how long a live instance has been queried and has not answered, s."""
         if self._asked_at is None:
