@@ -329,6 +329,15 @@ def test_tables_are_not_written_beside_those_of_another_recording(tmp_path: Path
     assert "run-csv holds tables already; name another folder with --out" in again.stderr
 
 
+def test_tables_of_a_world_are_refused_as_they_have_no_walls(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorded(path, received("robot/state", STATE, 1))
+    refused = call("export", str(path), "--to", "csv", "--world", "sc1")
+    assert refused.returncode == options.USAGE
+    assert "--world: tables have no walls" in refused.stderr
+    assert not (tmp_path / "run-csv").exists()
+
+
 def test_tables_have_a_file_per_topic_and_a_column_per_field(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     released = m.Claim("wheels", BALLOT, CYCLE, None)
