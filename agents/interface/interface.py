@@ -344,7 +344,8 @@ class Interface(Agent):
         def on_reply(reply: MissionReply | None) -> None:
             if reply is None and cancel.mission:
                 self._withdraw(cancel)
-            unheld = f"the robot does not drive for it, and {NO_MISSION_PLANNING}"
+            one = "the robot does not drive for it, and " if cancel.mission else ""
+            unheld = f"{one}{NO_MISSION_PLANNING}"
             self.answer(question, reply or MissionReply(0, unheld))
 
         self.query(MissionWithdrawal(cancel), on_reply)

@@ -45,7 +45,7 @@ class MissionProposal(Message, frozen=True):
 
 
 class MissionCancel(Message, frozen=True):
-    """Requests the interface agent to cancel a mission; 0: all of them."""
+    """Requests the interface agent to cancel a mission or goal; 0: all missions, and no goal."""
 
     mission: Bits64
     by: Label = ""

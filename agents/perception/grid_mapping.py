@@ -16,6 +16,7 @@ damage of that ambiguity:
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace as replaced
 from math import ceil, floor
 from typing import Any, Final
 
@@ -25,7 +26,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from armadico.agents.methods.geometry import Posed
-from armadico.config.grid_map import FREE, NOTHING, OCCUPIED, Cells
+from armadico.config.grid_map import FREE, NOTHING, OCCUPIED, UNKNOWN, Cells
 from armadico.mobile.geometry import compose, to_world
 from armadico.mobile.messages import Echo, Scan
 from armadico.mobile.scans import bearings_of, ranges_of
@@ -38,6 +39,10 @@ GROW_M: Final = 4.0
 
 TOGETHER: Final = 90
 """Rays of a scan that are drawn together: more do not fit into a processor's cache."""
+
+
+NEAR_CELLS: Final = 1
+"""A wall that two maps draw this many cells apart is the same: walls lie between cells."""
 
 
 class Settings(Struct, frozen=True):
@@ -82,6 +87,10 @@ class Mapper:
         odds[cells.states == FREE] = -2.0 * self.p.free
         odds[cells.states == OCCUPIED] = 2.0 * self.p.occupied
         self._odds = odds
+
+    def begin_on(self, cells: Cells) -> None:
+        """Begin an unknown map with the cells of another one, to compare both."""
+        self.resume(replaced(cells, states=np.full_like(cells.states, UNKNOWN)))
 
     def settle(self) -> None:
         """End a session: what it has is as sure as a map that is resumed, and no surer."""
@@ -234,3 +243,35 @@ class Mapper:
         self._row -= below
         self._column -= before
         return True
+
+
+def compared(seen: Cells, before: Cells) -> tuple[int, int]:
+    """How many walls of two maps contradict each other, and how many could, in cells.
+
+    Both have the same lines of cells. A wall of one counts where the other knows the cell, and it
+    contradicts where that is free with no wall near. Free cells alone say nothing: most of a
+    room is free in any building.
+    """
+    size, (rows, columns) = before.cell_m, seen.states.shape
+    row, column = round((seen.y - before.y) / size), round((seen.x - before.x) / size)
+    there = np.full((rows + 2 * NEAR_CELLS, columns + 2 * NEAR_CELLS), UNKNOWN, dtype=np.uint8)
+    row, column = row - NEAR_CELLS, column - NEAR_CELLS
+    low, left = max(row, 0), max(column, 0)
+    part = before.states[low : max(row + len(there), 0), left : max(column + there.shape[1], 0)]
+    there[low - row :, left - column :][: part.shape[0], : part.shape[1]] = part
+    here = np.pad(seen.states, NEAR_CELLS, constant_values=UNKNOWN)
+    against = both = 0
+    for walls, other in ((here, there), (there, here)):
+        near = _wide(other == OCCUPIED)
+        alone = int(np.count_nonzero((walls == OCCUPIED) & (other == FREE) & ~near))
+        against += alone
+        both += alone + int(np.count_nonzero((walls == OCCUPIED) & near))
+    return against, both
+
+
+def _wide(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The cells within `NEAR_CELLS` of some, along rows and columns."""
+    for axis in (0, 1):
+        steps = range(-NEAR_CELLS, NEAR_CELLS + 1)
+        cells = np.logical_or.reduce([np.roll(cells, step, axis) for step in steps])
+    return cells

@@ -131,9 +131,7 @@ def run(args: Options) -> int:
                 show(going.to_go or 0.0, _remark(going, client, reason.now()))
 
             if not mission.wait(args.timeout, progress):
-                over = f"not there after {args.timeout:g} s; the mission continues"
-                failed = mission.failed
-                end = over if failed is None else f"it failed, {failed}"
+                end = _unreached(mission.failed, args.timeout)
                 raise options.FailedError(f"{end}{_late(mission)}")
             doubt = mission.doubt
     except KeyboardInterrupt:
@@ -228,6 +226,13 @@ def _ready(client: Client, args: Options, to: Goal) -> bool | None:
     if isinstance(plan, Plan) and plan.refusal:
         return None
     return plan is not None
+
+
+def _unreached(failed: str | None, timeout: float | None) -> str:
+    """Why the wait for a goal ended before it was reached; without a timeout it has failed."""
+    if failed is None and timeout is not None:
+        return f"not there after {timeout:g} s; the mission continues"
+    return f"it failed, {options.shown(failed or 'no reason was reported')}"
 
 
 def _late(mission: Mission) -> str:

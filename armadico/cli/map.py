@@ -92,7 +92,10 @@ def save(client: Client, file: Path) -> str:
     try:
         cells = grid_map.cells_of(grid) if graph is None else graph.drawn()
         if not cells.states.size:
-            raise options.FailedError("the map is empty: no sensor has measured anything yet")
+            raise options.FailedError(
+                "the map is empty: no sensor has measured anything yet, or nothing that agrees with"
+                " the map that was to be continued"
+            )
         more, apart = {}, 0 if graph is None else int((~graph.main).sum())
         replaced = file.suffix != ".map" and beside.exists()
         if apart and replaced:

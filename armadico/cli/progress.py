@@ -77,6 +77,7 @@ def remark(watch: RunWatch) -> str:
     from armadico.observe.view import speed as shown_speed
 
     state, mission = watch.view.state, watch.view.mission
+    silent_s = watch.silent_s
     if watch.tasks is not None:
         to_go = options.shown(watch.tasks.summary)
     elif mission is None:
@@ -86,6 +87,9 @@ def remark(watch: RunWatch) -> str:
         to_go = "no goal" if none else f"{mission.to_go:.2f} m to go"
         said = mission.note or mission.late
         to_go += f", {options.shown(said)}" if said else ""
+        silent_s = watch.view.mission_silent_s(watch.now)
+    if silent_s is not None:
+        to_go = f"{silent_s:.0f} s ago: {to_go}"
     if state is None:
         return f"{to_go}, no message from the robot"
     if state.stop.stopped:

@@ -82,8 +82,8 @@ def slam(view: View, now: float) -> Section | None:
     }
 
 
-def mission(view: View) -> Section | None:
-    """The present or last goal."""
+def mission(view: View, now: float) -> Section | None:
+    """The present or last goal; `silent_s` is the age of a status that is stale."""
     status = view.mission
     if status is None:
         return None
@@ -91,6 +91,7 @@ def mission(view: View) -> Section | None:
         "number": str(status.mission),
         "state": status.outcome,
         "to_go": status.to_go,
+        "silent_s": view.mission_silent_s(now),
         "note": status.note,
         "due_s": status.due_s,
         "late": status.late,

@@ -495,6 +495,11 @@ def _pose(case: _Case) -> Iterator[Finding]:
         yield fine(Sort.POSE, "", "The pose is from odometry alone; its error grows.", todo)
     elif (where := lost(case.view, case.now)) is not None:
         yield where
+    elif case.view.uncorrected_s(case.now) is not None:
+        what = "Nothing corrects the pose, so its error grows as the robot drives:"
+        what += f" {case.view.pose_text(case.now)}."
+        todo = "restart the agent that localizes, or see `armadico logs localization`"
+        yield open_question(Sort.POSE, "", what, todo)
     else:
         yield fine(Sort.POSE, "", f"The pose is known: {case.view.pose_text(case.now)}.")
 

@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import Enum
 from math import degrees, hypot, radians
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from msgspec import Struct
 
@@ -34,7 +34,7 @@ from armadico.core.messages import (
     RobotState,
 )
 from armadico.core.resources import WHEELS
-from armadico.core.services import derived
+from armadico.core.services import derived, service_of
 from armadico.mobile.errand import Errands, Progress
 from armadico.mobile.geometry import STOOD, Pose2, compose, relative, to_world, wrap
 from armadico.mobile.messages import (
@@ -59,6 +59,10 @@ from armadico.observe.view import View
 REACHED_M = 0.15
 REACHED_RAD = radians(5.0)
 STRAIGHT_M = 1e-3  # a goal that is nearer to the start, as after a round trip, has a P of 0
+
+REPORTS: Final = (
+    "drive again; `armadico ps` shows whether the agent that does the mission is alive and answers"
+)
 
 UNDER_WAY = (MissionState.PLANNING, MissionState.DRIVING)
 SHOWN_RAYS = 40  # of a scan, in a picture
@@ -273,6 +277,7 @@ class RunWatch:
     holders: Holders = field(default_factory=Holders)
     contention: Contention = field(default_factory=lambda: Contention({}))
     clearance: float | None = None
+    _reported_at: float = 0.0  # when the mission began, or was last reported
     _frame: Pose2 | None = None  # of the ground truth, if it was aligned
 
     def __post_init__(self) -> None:
@@ -291,7 +296,7 @@ class RunWatch:
 
     def begin(self, mission: int = 0) -> None:
         """Start: the mission is accepted; 0 for a run without a mission."""
-        self.mission = mission
+        self.mission, self._reported_at = mission, self.now
         self._enter(Phase.ACCEPTED)
         self.truth.begin(self.now)
         self.controller = self.view.controller
@@ -340,6 +345,23 @@ class RunWatch:
         """Why the mission failed; "" if it did not."""
         failed = self.phase in (Phase.FAILED, Phase.REPLACED)
         return self.note or "no reason was reported" if failed else ""
+
+    @property
+    def silent_s(self) -> float | None:
+        """For how long nothing has reported the mission, s; None while something does."""
+        age = self.now - self._reported_at
+        stale = age > service_of(MissionStatus).stale_after_s  # an errand has the same rate
+        going = self.mission and self.phase in (Phase.ACCEPTED, Phase.REPORTED)
+        return age if going and stale else None
+
+    @property
+    def unreported(self) -> str:
+        """Why it is unknown how the mission goes on; "" if that is reported.
+
+        The last report has no say: the robot may have arrived, or failed, since.
+        """
+        what, silent_s = "mission" if self.goal is None else "goal", self.silent_s
+        return "" if silent_s is None else f"no agent reported the {what} for {silent_s:.0f} s"
 
     @property
     def path(self) -> list[Mark]:
@@ -445,6 +467,8 @@ class RunWatch:
         return all_of([*found, self.truth.touched(self.now)])
 
     def _at_goal(self) -> Judgement:
+        if self.unreported:
+            return unknown(f"unknown whether reached{self._why_not()}", REPORTS)
         reached, *_ = self._goal_measures()
         if reached:
             return yes()
@@ -460,9 +484,10 @@ class RunWatch:
             return unknown(f"mission unsure: {errand.doubt}") if errand.doubt else yes()
         if self.phase is Phase.LOST:
             return unknown("mission: unknown", AGAIN)
+        if self.unreported:
+            return unknown(f"mission: unknown{self._why_not()}", REPORTS)
         if errand is None and not self.failed:
-            cure = "`armadico ps` shows whether the agent that does the mission is alive"
-            return unknown("no progress of the mission was received", cure)
+            return unknown("no progress of the mission was received", REPORTS)
         return no(f"mission not done{self._why_not()}")
 
     def _why_not(self) -> str:
@@ -472,7 +497,8 @@ class RunWatch:
     @property
     def _why(self) -> str:
         lost = self.truth.broken if self.phase is Phase.LOST else ""
-        return lost or self.failed or self.note or self.mistaken or self.stands
+        now = self.unreported or self.note or self.mistaken or self.stands
+        return lost or self.failed or now
 
     @property
     def _deviation_m(self) -> float | None:
@@ -497,7 +523,7 @@ class RunWatch:
             limit_s=self.limit,
             conditions=self.conditions,
             why=self._why,
-            done=None if self.tasks is None else self.tasks.succeeded,
+            done=None if self.tasks is None or self.unreported else self.tasks.succeeded,
             tasks=None
             if self.tasks is None
             else tuple(
@@ -525,6 +551,8 @@ class RunWatch:
         there = error <= REACHED_M and turned <= REACHED_RAD
         reached: bool | None = bool(self.arrived) and there
         if (self.arrived or self.phase is Phase.LOST) and self._truth is None:
+            reached = None
+        if self.unreported:
             reached = None
         p = round(100.0 * (1.0 - error / straight), 3) if straight > STRAIGHT_M else 0.0
         return reached, round(degrees(turned), 3), p
@@ -578,6 +606,7 @@ class RunWatch:
 
     def _on_mission_status(self, status: MissionStatus) -> None:
         if status.mission == self.mission:
+            self._reported_at = self.now
             if status.state is MissionState.REACHED:
                 self._enter(Phase.DONE, status.doubt)
             elif status.state is MissionState.FAILED:
@@ -591,7 +620,7 @@ class RunWatch:
         before = self.errand
         for errand in message.errands:
             if errand.number == self.mission:
-                self.errand = errand
+                self.errand, self._reported_at = errand, self.now
                 if not errand.over:
                     self.note = errand.note
                 elif errand.failed:

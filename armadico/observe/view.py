@@ -53,6 +53,9 @@ DIFFERS_M_S: Final = 0.05  # speeds that differ by less are not shown beside eac
 RESTS: Final = 0.01  # m/s and rad/s: a slower robot stands
 WINDOW_S: Final = 5.0  # period over which rates are computed
 
+# A pose is corrected in each cycle; a busy observer may be late by this much.
+UNCORRECTED_S: Final = 2.0
+
 ASKS_S: Final = 2.0  # an observer that has not queried cards for this long queries none
 
 # How many of the newest are kept:
@@ -424,6 +427,17 @@ class View:
         correction = self._recent(Correction, now)
         return None if correction is None else correction.confidence
 
+    def uncorrected_s(self, now: float) -> float | None:
+        """For how long the pose is of the wheels alone, s, as far as this view has seen.
+
+        None: it is corrected, or it has no error that could be corrected, or none is estimated.
+        """
+        pose = self.pose
+        if pose is None or self.began is None or not any(pose.covariance):
+            return None
+        alone_s = now - self._latest.get(Correction, (None, self.began))[1]
+        return alone_s if alone_s > UNCORRECTED_S else None
+
     def off_map(self, now: float) -> bool:
         """Whether the map does not show the place of the robot, which is not lost."""
         correction = self._recent(Correction, now)
@@ -439,8 +453,11 @@ class View:
             return f"off the map, {off}, +-{degrees(pose.heading_deviation):.0f} deg"
         if self.lost_since is not None:
             return f"LOST for {max(0.0, now - self.lost_since):.0f} s, {off}"
-        sure = self.confidence(now)
+        sure, alone_s = self.confidence(now), self.uncorrected_s(now)
         words = [off, f"+-{degrees(pose.heading_deviation):.0f} deg"]
+        if alone_s is not None:
+            longer = "" if Correction in self._latest else " or longer"
+            words.append(f"by the wheels alone for {alone_s:.0f} s{longer}")
         return ", ".join([*words, *([] if sure is None else [f"confidence {sure:.2f}"])])
 
     def graph(self, now: float) -> MapGraph | None:
@@ -456,6 +473,12 @@ class View:
     def bids_for(self, instance: str, resource: str, now: float) -> float:
         """For how long an instance is known to have bid for a resource without a pause, s."""
         return now - self._bidding.get((instance, resource), now)
+
+    def mission_silent_s(self, now: float) -> float | None:
+        """For how long no mission status has come, s; None while it is fresh or there was none."""
+        if self.mission is None or self._recent(MissionStatus, now) is not None:
+            return None
+        return now - self._latest[MissionStatus][1]
 
     def unanswered_s(self, instance: str, now: float) -> float:
         """For how long a live instance has been queried and has not answered, s."""

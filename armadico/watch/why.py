@@ -422,6 +422,9 @@ class Chronicle:
         if mission is not None and mission.state is MissionState.DRIVING:
             note = f" ({mission.note})" if mission.note else ""
             due = "" if mission.due_s is None else f", due in {mission.due_s:.0f} s"
+            if (silent_s := self.view.mission_silent_s(self.now)) is not None:
+                yield f"{silent_s:.0f} s ago its goal was {mission.to_go:.1f} m away{note}."
+                return
             yield f"Its goal is {mission.to_go:.1f} m away{note}{'' if mission.late else due}."
             if mission.late:
                 yield mission.delay

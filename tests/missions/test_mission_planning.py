@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from armadico.agents.driving.path_planning import PathPlanning
 from armadico.agents.interface.messages import MissionOrder
 from armadico.agents.missions import procedures
+from armadico.agents.missions.commands.mission import cancel_all
 from armadico.agents.missions.messages import (
     Alarm,
     Board,
@@ -27,6 +28,7 @@ from armadico.agents.missions.messages import (
 )
 from armadico.agents.missions.planner import Planner, Surprise
 from armadico.agents.missions.task import Beliefs, Done, Task
+from armadico.cli.options import FailedError
 from armadico.config.scenarios import Battery
 from armadico.core.agent import Agent, Question
 from armadico.core.messages import LARGEST_PAYLOAD, Cycle, Message, encode
@@ -38,6 +40,7 @@ from armadico.mobile.driven import Stage
 from armadico.mobile.messages import (
     MissionReply,
     MissionRequest,
+    MissionState,
     MissionStatus,
     Plan,
     Planned,
@@ -74,6 +77,34 @@ def test_without_mission_planning_people_are_told_so() -> None:
     building = Building(without=("mission-planning",))
     assert building.order().refusal.startswith("no mission planning agent answered")
     assert building.cancel(7).startswith("the robot does not drive for it, and no mission planning")
+
+
+@pytest.mark.parametrize("without", [(), ("mission-planning",)])
+def test_cancelling_all_ends_the_goal_that_is_on_no_board(without: tuple[str, ...]) -> None:
+    building = Building(without=without)
+    asks = building.rehearsal.client
+    with pytest.raises(FailedError, match="no mission"):
+        cancel_all(asks)
+    x, y, theta = building.rehearsal.scenario.start
+    goal = Waypoint(x + 1.0, y, theta)
+    asks.request_mission(MissionRequest(goal, planned=False, by="ann"))
+    building.rehearsal.wait(2.0)
+    (number,) = cancel_all(asks)
+    status = asks.latest(MissionStatus, 2.0)
+    assert status is not None
+    assert (status.mission, status.state) == (number, MissionState.FAILED)
+    with pytest.raises(FailedError, match="no mission"):
+        cancel_all(asks)
+
+
+def test_a_goal_is_cancelled_also_if_mission_planning_hangs_which_is_no_success() -> None:
+    building = Building()
+    x, y, theta = building.rehearsal.scenario.start
+    goal = Waypoint(x + 1.0, y, theta)
+    building.rehearsal.client.request_mission(MissionRequest(goal, planned=False))
+    building.mesh.node("mission-planning").hang()
+    with pytest.raises(FailedError, match="the goal is cancelled, and it is not known of missions"):
+        cancel_all(building.rehearsal.client)
 
 
 def test_what_was_refused_for_want_of_an_answer_is_not_done_later() -> None:

@@ -6,12 +6,13 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.cli import options
+from armadico.config.scenarios import load_scenario
 from armadico.core.discovery import providers
 from armadico.core.judgement import Answer
 from armadico.core.messages import MonitorReport
 from armadico.core.services import service_of
 from armadico.observe.diagnosis import OF_HOSTS, diagnose, settled
-from armadico.observe.findings import Demand, Sort, judgement, short, sight, summary, those
+from armadico.observe.findings import Demand, Finding, Sort, judgement, short, sight, summary, those
 from armadico.observe.view import View
 from armadico.watch.why import Chronicle
 from tests.watch.broken import (
@@ -246,6 +247,27 @@ def test_a_pose_that_stopped_is_not_the_known_one() -> None:
     society.mesh.node("encoder").kill()
     found = shown(society.let_pass(3.0)).findings
     assert [f.answer for f in found if f.sort is Sort.POSE] == [Answer.UNKNOWN]
+
+
+def test_a_pose_that_nothing_corrects_any_more_is_not_the_known_one() -> None:
+    society = Observed(scenario=load_scenario("sc4"))
+
+    def pose() -> Finding:
+        found = diagnose(society.view, Demand(), society.mesh.now)
+        (only,) = (f for f in found if f.sort is Sort.POSE)
+        return only
+
+    society.let_pass(4.0)
+    assert pose().answer is Answer.YES
+    society.mesh.node("localization").hang()
+    society.let_pass(5.0)
+    assert pose().answer is Answer.UNKNOWN
+    assert "by the wheels alone for 5 s" in pose().what
+    joined = View()
+    joined.begin(0.0)
+    assert society.view.pose is not None
+    joined.learn(society.view.pose, 6.0)
+    assert "by the wheels alone for 6 s or longer" in joined.pose_text(6.0)
 
 
 def test_hosts_whose_table_or_clock_no_agent_told_are_not_known_to_agree() -> None:

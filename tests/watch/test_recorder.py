@@ -329,6 +329,28 @@ def test_tables_are_not_written_beside_those_of_another_recording(tmp_path: Path
     assert "run-csv holds tables already; name another folder with --out" in again.stderr
 
 
+def test_an_export_names_the_files_in_which_the_recording_continues(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorded(path, received("robot/state", STATE, 1))
+    for number in (1, 2):
+        (tmp_path / f"run-00{number}.mcap").write_bytes(path.read_bytes())
+    first = call("export", str(path), "--to", "csv")
+    assert first.returncode == 0
+    assert "only run.mcap was exported" in first.stderr
+    assert "continues in run-001.mcap to run-002.mcap" in first.stderr
+    last = call("export", str(tmp_path / "run-002.mcap"), "--to", "csv")
+    assert "continues" not in last.stderr
+
+
+def test_tables_of_a_world_are_refused_as_they_have_no_walls(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorded(path, received("robot/state", STATE, 1))
+    refused = call("export", str(path), "--to", "csv", "--world", "sc1")
+    assert refused.returncode == options.USAGE
+    assert "--world: tables have no walls" in refused.stderr
+    assert not (tmp_path / "run-csv").exists()
+
+
 def test_tables_have_a_file_per_topic_and_a_column_per_field(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     released = m.Claim("wheels", BALLOT, CYCLE, None)

@@ -48,7 +48,7 @@ WHAT: Final = ("run", "list", "status", "alarms", "cancel", "log")
 class Options:
     what: str = argument("what to do", choices=WHAT)
     name: str | None = argument("cancel, log: which mission, by name or number", nargs="?")
-    all: bool = flag("cancel: all of them")
+    all: bool = flag("cancel: all of them, and the goal that is driven")
     json: bool = flag("one JSON object, or list, on stdout")
     mesh: options.Mesh = group(options.Mesh, "the mesh")
 
@@ -169,27 +169,63 @@ def _alarms(args: Options) -> int:
 def _cancel(args: Options) -> int:
     if (args.name is None) == (not args.all):
         raise UsageError("cancel: name one mission (by name or number), or give --all")
-    from armadico.agents.interface.messages import MissionCancel
-    from armadico.mobile.messages import MissionReply
-    from armadico.runtime.errors import AbsentError
-
     with args.mesh.client() as client:
-        numbers = [0]
-        if args.name is not None:
+        if args.name is None:
+            numbers = cancel_all(client)
+        else:
             board = _board(client)
             chosen = _chosen(() if board is None else board.missions, args.name)
             numbers = [mission.mission for mission in chosen if not mission.over]
             if not numbers:
                 raise FailedError(f"{args.name}: the mission is over already")
-        for number in numbers:
-            request = MissionCancel(number, "armadico mission cancel")
-            reply = client.query(request, ANSWER_S, patience=FIND_S)
-            if not isinstance(reply, MissionReply):
-                raise AbsentError("no agent that takes missions is alive", client.mesh.namespace)
-            if reply.refusal:
-                raise FailedError(options.shown(reply.refusal))
+            for number in numbers:
+                if refusal := _refusal(client, number):
+                    raise FailedError(refusal)
     print(json.dumps({"cancelled": numbers}) if args.json else "cancelled")
     return 0
+
+
+def cancel_all(client: Client) -> list[int]:
+    """Cancel all missions, and the goal that is driven, which is on no board; return the numbers.
+
+    0 stands for the missions. Raises FailedError if nothing was cancelled, or not all of it.
+    """
+    from armadico.agents.interface.interface import NO_MISSION_PLANNING
+    from armadico.agents.interface.messages import MissionWithdrawal
+    from armadico.core.services import service_of
+    from armadico.mobile.messages import MissionState, MissionStatus
+
+    key = service_of(MissionWithdrawal).key
+    cards = client.cards().values()  # an agent that hangs sends none, and is soon taken as gone
+    plans = any(card is None or key in card.provides for card in cards)
+    refusal = _refusal(client, 0)
+    status = client.latest(MissionStatus, FIND_S)
+    drives = status is not None and status.state is MissionState.DRIVING
+    goal = [status.mission] if status is not None and drives else []
+    if goal and _refusal(client, goal[0]):
+        goal = []  # it is a mission's: of the board, or of another agent
+    if not refusal:
+        return [0, *goal]
+    if not goal:
+        by = (status and options.shown(status.owner)) or "another agent"
+        stops = f"; the robot drives for {by}: `armadico stop` stops it" if drives else ""
+        raise FailedError(f"{refusal}{stops}")
+    if plans and NO_MISSION_PLANNING in refusal:
+        raise FailedError(f"the goal is cancelled, and it is not known of missions: {refusal}")
+    return goal
+
+
+def _refusal(client: Client, number: int) -> str:
+    """Request a cancellation; return why it is refused. Raises AbsentError."""
+    from armadico.agents.interface.messages import MissionCancel
+    from armadico.mobile.messages import MissionReply
+    from armadico.runtime.errors import AbsentError
+
+    request = MissionCancel(number, "armadico mission cancel")
+    reply = client.query(request, ANSWER_S, patience=FIND_S)
+    if not isinstance(reply, MissionReply):
+        raise AbsentError("no agent that takes missions is alive", client.mesh.namespace)
+    return options.shown(reply.refusal)
 
 
 def _board(client: Client) -> Board | None:

@@ -31,13 +31,16 @@ class Options:
     )
     namespace: str | None = option("export only this robot (default: all)", metavar="NS")
     world: str | None = option(
-        "the world: its walls are drawn (rrd) or published as the map (ros2); default: none",
+        "the world: its walls are drawn (rrd) or published as the map (ros2); refused with csv;"
+        " default: none",
         metavar="MAP",
     )
 
 
 def run(args: Options) -> int:
     """Returns 0 only if the whole recording was read."""
+    if args.world is not None and args.to == "csv":
+        raise UsageError("--world: tables have no walls; leave it out, or export --to rrd or ros2")
     options.need("mcap", "record")
     from armadico.watch.recordings import RecordingError
 

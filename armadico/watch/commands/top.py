@@ -93,7 +93,7 @@ class Snapshots:
             "robot": described.robot(view),
             "pose": described.pose(view, now),
             "slam": described.slam(view, now),
-            "mission": described.mission(view),
+            "mission": described.mission(view, now),
             "standing": described.diagnosis(view, now, self._demand),
             "tasks": view.tasks,
             "resources": [described.resource(view, name, now) for name in view.resources],
@@ -219,6 +219,8 @@ def _heading(snapshot: Section) -> str:
         waits = mission["state"] == MissionState.DRIVING and snapshot["standing"]["stands"]
         state = "its goal waits" if waits else mission["state"]
         state = "no goal" if state == MissionState.NONE else state
+        if mission["silent_s"] is not None:
+            state = f"{mission['silent_s']:.0f} s ago {state}"
         words += filter(None, (state, mission["note"], mission["late"]))
     words += filter(None, [snapshot["tasks"]])
     return ", ".join([*words, *filter(None, [robot["line"]])])

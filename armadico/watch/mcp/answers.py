@@ -97,7 +97,7 @@ class Society(Chronicle):
                 "connected": view.state_is_fresh(now),
                 "robot": described.robot(view),
                 "pose": described.pose(view, now),
-                "mission": described.mission(view),
+                "mission": described.mission(view, now),
                 "wheels": described.resource(view, WHEELS.name, now),
             }
         )

@@ -80,7 +80,8 @@ def _where(full: Full) -> str:
     to = ""
     if goal is not None and goal["state"] == "driving":
         note = f" ({goal['note']})" if goal["note"] else ""
-        to = f"; {goal['to_go']:.1f} m to its goal{note}"
+        ago = "" if goal["silent_s"] is None else f"{goal['silent_s']:.0f} s ago "
+        to = f"; {ago}{goal['to_go']:.1f} m to its goal{note}"
     known = "" if full["connected"] else " This is its last report: it is not connected now."
     return f"{at}, {does}{to}.{known}"
 
@@ -157,7 +158,9 @@ def _few_where(full: Full) -> Full:
     if robot is not None:
         few |= {name: robot[name] for name in ("v", "driver", "stopped_by", "battery")}
     if goal is not None:
-        few["goal"] = {name: goal[name] for name in ("number", "state", "to_go", "note")}
+        few["goal"] = {
+            name: goal[name] for name in ("number", "state", "to_go", "silent_s", "note")
+        }
     return few
 
 

@@ -148,7 +148,7 @@ class Robot:
         parts: dict[str, object] = {
             "body": self._body(),
             "motion": self._motion(t),
-            "mission": self._mission(),
+            "mission": self._mission(t),
             "wheels": self._wheels(t),
             "resources": [
                 described.resource(view, name, t) for name in view.resources if name != WHEELS.name
@@ -210,10 +210,10 @@ class Robot:
             found["truth"] = rounded([truth.x, truth.y, truth.theta])
         return found
 
-    def _mission(self) -> JsonObject:
+    def _mission(self, t: float) -> JsonObject:
         trajectory = self.view.trajectory
         found: JsonObject = {"tasks": self.view.tasks}
-        found |= rounded(described.mission(self.view) or {}, 2)
+        found |= rounded(described.mission(self.view, t) or {}, 2)
         if trajectory is not None:
             way = [[w.x, w.y, w.theta] for w in trajectory.waypoints]
             found |= {"way": rounded(way), "leg": trajectory.leg, "waits": trajectory.waits}

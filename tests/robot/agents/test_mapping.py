@@ -200,12 +200,43 @@ def test_the_map_is_returned_on_request() -> None:
     assert cells_of(grid).at(3.2, 1.0) == OCCUPIED
 
 
-def test_it_resumes_a_saved_map_or_reports_the_error(tmp_path: Path) -> None:
-    file, image = grid_map.save(mapped((0.0, 1.0)).cells(), tmp_path / "saved.yaml")
+def continued(wall_m: float, folder: Path) -> Ring:
+    """A mapping agent that has seen a wall 1 m ahead, with a saved one that has it so far ahead."""
+    saved = mapped((0.0, wall_m), (pi, 1.0), at=Placed(2.2, 1.0, 0.0))
+    file, _ = grid_map.save(saved.cells(), folder / "saved.yaml")
     ring = Ring(Parameters(resume=str(file)))
     ring.agent.kernel.on_query(MapRequest(), Question(1), 0.0)
-    (grid,) = ring.grids()
-    assert cells_of(grid).at(1.0, 0.0) == OCCUPIED
+    (unseen,) = ring.grids()
+    assert not unseen.rows, "nothing is seen yet"
+    for _ in range(25):
+        ring.cycle()
+    return ring
+
+
+def test_a_saved_map_is_continued_once_what_is_seen_agrees_with_it(tmp_path: Path) -> None:
+    ring = continued(1.0, tmp_path)
+    *_, published = ring.grids()
+    ring.agent.kernel.on_query(MapRequest(), Question(2), 2.6)
+    (answer,) = ring.grids()
+    for grid in (published, answer):
+        assert cells_of(grid).at(3.2, 1.0) == OCCUPIED
+        assert cells_of(grid).at(1.2, 1.0) == OCCUPIED, "of the saved one"
+    assert published.map_id == 0
+
+
+def test_a_saved_map_that_is_contradicted_is_not_mixed_with_what_is_seen(tmp_path: Path) -> None:
+    ring = continued(0.5, tmp_path)
+    *_, published = ring.grids()
+    assert cells_of(published).at(3.2, 1.0) == OCCUPIED
+    assert cells_of(published).at(1.2, 1.0) == UNKNOWN, "only the saved one has that wall"
+    assert published.map_id, "it is another map: an exploration of the saved one fails"
+    ring.agent.kernel.on_query(MapRequest(), Question(2), 2.6)
+    (answer,) = ring.grids()
+    assert not answer.rows, "nothing is saved over the map that was to be continued"
+
+
+def test_a_saved_map_that_cannot_be_read_is_an_error(tmp_path: Path) -> None:
+    file, image = grid_map.save(mapped((0.0, 1.0)).cells(), tmp_path / "saved.yaml")
     image.unlink()
     with pytest.raises(ConfigError, match=r"saved\.pgm"):
         Mapping(Identity("mapping-2"), Parameters(resume=str(file)))

@@ -25,3 +25,8 @@ def test_a_robot_that_is_stopped_for_minutes_does_not_fill_the_screen(
     lines = capsys.readouterr().out.splitlines()
     assert lines[:2] == ["2.00 m to go, stopped by a person"] * 2
     assert [line[:4] for line in lines[2:]] == ["1.90", "1.70"]
+
+
+def test_a_goal_that_failed_has_its_reason_also_without_a_timeout() -> None:
+    assert goto._unreached("cancelled by ann", None) == "it failed, cancelled by ann"
+    assert "not there after 5 s" in goto._unreached(None, 5.0)

@@ -7,6 +7,7 @@ from math import pi, radians
 import msgspec
 import pytest
 
+from armadico.cli.progress import remark
 from armadico.core.judgement import Answer
 from armadico.core.messages import (
     Ack,
@@ -205,6 +206,22 @@ def test_a_goal_is_not_reached_while_the_interface_agent_reports_driving() -> No
     run.cycle(0.0)
     run.cycle(2.0)
     assert not run.end(MissionState.DRIVING).reached
+
+
+def test_a_goal_that_no_agent_reports_any_more_is_unknown_wherever_the_robot_is() -> None:
+    run = Run().begin()
+    run.end(MissionState.DRIVING)
+    for number in range(60):
+        run.cycle(number / 30)
+    run.watch.end(60.0)
+    result = run.watch.result()
+    assert (result.reached, result.judgement.answer) == (None, Answer.UNKNOWN)
+    assert "no agent reported the goal for 6 s" in result.judgement.reason
+    assert result.outcome == result.judgement.reason
+    assert remark(run.watch).startswith("6 s ago: 0.00 m to go")
+    run.show(MissionStatus(MISSION, MissionState.DRIVING, 1.0))
+    assert run.watch.judge().answer is Answer.NO, "its agent answers again"
+    assert remark(run.watch).startswith("1.00 m to go")
 
 
 def test_the_end_of_another_mission_is_ignored() -> None:

@@ -89,9 +89,11 @@ def test_the_robot_is_lost_as_long_as_its_pose_is_too_uncertain() -> None:
     assert view.pose_text(15.2) == "LOST for 12 s, +-1.41 m"
     view.learn(Pose(m.Cycle(1, 5), 1, 2, 0, (0.01, 0, 0, 0, 0, 0.01)), 16.0)
     assert view.lost_since is None
-    assert view.pose_text(16.0) == "+-0.10 m, +-6 deg"
     view.learn(Correction(m.Cycle(1, 5), 0, 0, 0, (0.0,) * 6, 1.0, off_map=True), 16.0)
     assert view.pose_text(16.0) == "off the map, +-0.10 m, +-6 deg"
+    view.learn(Correction(m.Cycle(1, 6), 0, 0, 0, (0.0,) * 6, 1.0), 17.0)
+    assert view.pose_text(17.0) == "+-0.10 m, +-6 deg, confidence 1.00"
+    assert view.pose_text(29.0) == "+-0.10 m, +-6 deg, by the wheels alone for 12 s"
 
 
 def test_confidence_is_that_of_a_fresh_correction() -> None:

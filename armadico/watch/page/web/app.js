@@ -154,7 +154,7 @@ function why() {
   const card = $("why");
   if (!found) return put($("whyhead"), "Waiting for the robot");
   const [first, ...rest] = found.sentences;
-  const going = !found.stands && mission.state === "driving" ? ` ${(mission.to_go ?? 0).toFixed(1)} m to go${mission.unseen_m ? `; ${mission.unseen_m.toFixed(1)} m of the path lead through what nobody has seen` : ""}.` : "";
+  const going = !found.stands && mission.state === "driving" ? ` ${(mission.to_go ?? 0).toFixed(1)} m to go${mission.silent_s ? ` ${Math.round(mission.silent_s)} s ago` : ""}${mission.unseen_m ? `; ${mission.unseen_m.toFixed(1)} m of the path lead through what nobody has seen` : ""}.` : "";
   put($("whyhead"), (first ?? "").replace(/ at ([\d.-]+) m\/s, [\d.-]+ rad\/s/, " at $1 m/s") + going);
   if (mission.late && mission.state === "driving") rest.push(`The mission is ${mission.late}.`);
   if (mission.tasks) rest.push(mission.tasks);
