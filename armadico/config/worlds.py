@@ -11,11 +11,10 @@ from collections.abc import Sequence
 from importlib import import_module
 from math import cos, hypot, inf, pi, sin
 from pathlib import Path
-from zlib import crc32
+from zlib import crc32, decompress
 
 import msgspec
 from msgspec import Struct
-from msgspec.structs import replace
 
 from armadico.config.shipped import find
 from armadico.core.config_errors import ConfigError, ConfigNameError
@@ -174,9 +173,35 @@ def load_world(name_or_path: str | Path) -> World:
 
 
 def digest(world: World) -> str:
-    """Eight hexadecimal digits of what a map shows, whatever the name and the form of its file."""
-    shown = replace(world, name="", doubts=())
-    return f"{crc32(msgspec.json.encode(shown, order='sorted')):08x}"
+    """Eight hexadecimal digits of what a map shows, whatever the name and the form of its file.
+
+    They are the same on all computers: lengths and angles count in 1 mm and 1 mrad, as sines differ
+    in their last digits, and the unseen cells as they are, not as they were deflated. The fields
+    are listed here, as a new field would change the digits of all maps.
+    """
+    grid = world.unseen
+    shown = (
+        world.walls,
+        world.bounds,
+        world.start,
+        sorted(world.goals.items()),
+        [(room.name, room.x1, room.y1, room.x2, room.y2) for room in world.rooms],
+        [(door.name, door.room_a, door.room_b, door.x, door.y) for door in world.doors],
+        world.forbidden,
+        sorted(world.docks.items()),
+        world.columns,
+        world.solid,
+        grid and (grid.x, grid.y, grid.theta, grid.cell_m, grid.rows, grid.columns, grid.refused),
+    )
+    found = crc32(msgspec.json.encode(_in_thousandths(shown)))
+    return f"{crc32(decompress(grid.packed), found) if grid else found:08x}"
+
+
+def _in_thousandths(value: object) -> object:
+    """Numbers within lists and tuples as whole thousandths."""
+    if isinstance(value, list | tuple):
+        return [_in_thousandths(each) for each in value]
+    return round(1e3 * value) if isinstance(value, int | float) else value
 
 
 def doubts(name: str) -> tuple[str, ...]:
