@@ -150,11 +150,18 @@ def _head() -> Callable[[Agent], bytes]:
 
 
 def _map(parameters: Parameters) -> str:
-    """The digest of the map that an agent is launched with; empty without one."""
+    """The digest of the map that an agent is launched with; empty without one.
+
+    A parameter of that name may be something else in an agent of another package.
+    """
     from armadico.config.worlds import digest, load_world
+    from armadico.core.config_errors import ConfigError
 
     world = getattr(parameters, "world", None)
-    return digest(load_world(world)) if world else ""
+    try:
+        return digest(load_world(world)) if world and isinstance(world, str) else ""
+    except (ConfigError, OSError):
+        return ""
 
 
 def _parameters(kind: type[Agent], args: Options) -> Parameters:
