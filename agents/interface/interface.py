@@ -12,6 +12,7 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from armadico.agents.interface.messages import (
+    NEAR_M,
     MissionCancel,
     MissionOrder,
     MissionProposal,
@@ -112,7 +113,7 @@ MOVES_S: Final = 1.0  # a path on a new revision of the map waits so long for th
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """When a goal counts as reached, by pose and measured speeds; and the timeouts of missions."""
 
-    near_m: Annotated[float, Meta(gt=0, le=1)] = 0.12
+    near_m: Annotated[float, Meta(gt=0, le=1)] = NEAR_M
     turned_rad: Annotated[float, Meta(gt=0, le=1)] = 0.07
     slow_m_s: Annotated[float, Meta(gt=0, le=1)] = SLOW_M_S
     slow_rad_s: Annotated[float, Meta(gt=0, le=1)] = SLOW_RAD_S

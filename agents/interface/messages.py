@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Final
 
 from msgspec import Meta
 from msgspec.structs import replace
@@ -11,6 +11,9 @@ from armadico.core.messages import Bits64, Label, Message, Name, Share
 from armadico.core.services import query
 from armadico.mobile.errand import Order
 from armadico.mobile.messages import MissionReply, Terms
+
+NEAR_M: Final = 0.12
+"""Default of the interface's `near_m`: a robot so near to a goal is there, m."""
 
 
 class MissionOrder(Order, frozen=True):

@@ -66,8 +66,8 @@ def run(args: Options) -> int:
         print(f"{share.host} was killed: its files are removed{logs}")
     if not (left or killed or found):
         print(f"nothing {where}is up on this machine in namespace {namespace!r}")
-        if others := ", ".join(sorted({*sockets.robots_here()} - {namespace})):
-            report(f"armadico down: {others} on this machine is still up")
+        if others := sorted({*sockets.robots_here()} - {namespace}):
+            report(f"armadico down: still up on this machine: {', '.join(others)}")
     return 0
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -23,7 +23,8 @@ EXAMPLES: Final = """\
   armadico logs -f                        all agents, live
   armadico logs -f avoid --level warning
   armadico logs                           the logs of the robot's last run on this machine
-  armadico logs robot --folder /tmp/armadico-1a2b3c
+  armadico logs --namespace hall/r1       also those of a robot of the fleet hall
+  armadico logs robot --folder /tmp/armadico-robot1-1a2b3c4d
 """
 
 
@@ -97,15 +98,15 @@ def _name(level: int) -> str:
 
 
 def _read(args: Options) -> int:
-    folder = args.folder or _newest(args.mesh.namespace)
+    folder, prefix = (args.folder, "") if args.folder else _newest(args.mesh.namespace)
     if args.folder is None:
         print(f"from {folder}", file=sys.stderr)  # the newest may be another run's
     if not folder.is_dir():
         raise UsageError(f"--folder {folder}: no such folder")
-    files = sorted(folder.glob("*.log"))
-    chosen = [file for file in files if args.agent in (None, file.stem)]
+    files = {file.stem.removeprefix(prefix): file for file in sorted(folder.glob(f"{prefix}*.log"))}
+    chosen = {name: file for name, file in files.items() if args.agent in (None, name)}
     if not chosen:
-        names = ", ".join(file.stem for file in files) or "none"
+        names = ", ".join(files) or "none"
         wanted = f"log of {args.agent!r}" if args.agent else "log"
         raise FailedError(f"no {wanted} in {folder}; there are logs of: {names}")
     for stamp, name, text in sorted(_lines(chosen), key=lambda line: line[0]):
@@ -114,12 +115,20 @@ def _read(args: Options) -> int:
     return 0
 
 
-def _newest(namespace: str) -> Path:
-    """The folder of a robot's last run on this machine. Raises FailedError."""
+def _newest(namespace: str) -> tuple[Path, str]:
+    """The folder of a robot's last run on this machine, and how its logs begin there.
+
+    A fleet has one folder for all its robots. Raises FailedError.
+    """
     from armadico.launch.processes import logs_folders
 
     there = logs_folders()
-    found = [folder for name, folder in there if name == namespace]
+    fleet, _, robot = namespace.rpartition("/")
+    found = [
+        (folder, "" if name == namespace else f"{robot}-")
+        for name, folder in there
+        if name == namespace or (name == fleet and any(folder.glob(f"{robot}-*.log")))
+    ]
     if not found:
         others = ", ".join(sorted({name for name, _ in there}))
         raise FailedError(
@@ -130,14 +139,14 @@ def _newest(namespace: str) -> Path:
     return found[-1]
 
 
-def _lines(files: Sequence[Path]) -> Iterator[tuple[str, str, str]]:
+def _lines(files: Mapping[str, Path]) -> Iterator[tuple[str, str, str]]:
     """(time of day, name, line) of each line; a line without a time has that of the line before."""
-    for file in files:
+    for name, file in files.items():
         stamp = ""
         for line in file.read_text(encoding="utf-8", errors="replace").splitlines():
             first = line.partition(" ")[0]
             stamp = first if len(first) == 12 and first[2:3] == first[5:6] == ":" else stamp
-            yield stamp, file.stem, line
+            yield stamp, name, line
 
 
 main: Final = Command(

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, TypeVar, cast
 
-from armadico.agents.interface.messages import MissionCancel
+from armadico.agents.interface.messages import NEAR_M, MissionCancel
 from armadico.config.endpoints import endpoints
 from armadico.core.errors import no_such
 from armadico.core.mailbox import EVENTS
@@ -66,7 +66,6 @@ SILENCE_S: Final = 5.0  # timeout of the mission's status, after which its agent
 # speed brakes for 3 s.
 STOP_S: Final = 5.0
 PRESS_S: Final = 0.1  # period of publishing a stop, s
-HERE_M: Final = 0.12  # a robot so near to a goal is there (docs/operate.md), m
 UNSEEN_S: Final = 0.5  # without a state of the robot for so long a stop is unconfirmed, s
 
 
@@ -78,7 +77,7 @@ def heading_to(x: float, y: float, pose: Pose | Waypoint | None) -> float:
     if pose is None:
         return 0.0
     way = x - pose.x, y - pose.y
-    return pose.theta if math.hypot(*way) <= HERE_M else math.atan2(way[1], way[0])
+    return pose.theta if math.hypot(*way) <= NEAR_M else math.atan2(way[1], way[0])
 
 
 @contextmanager
@@ -258,11 +257,11 @@ class Client:
             mission.wait(timeout=60.0)
 
         Without `theta`, the heading is that of the line from the present pose to the goal, or the
-        robot's own if it is there. The path
-        is the planner's, or a straight line with `direct`. `start` sets the robot's present pose
-        (m, m, rad), if it is known better than the robot estimates it. `unseen` is whether a path
-        may lead through what nobody has seen, where no other leads to the goal; None: the planner's
-        own rule. `by` is the person or program, for people.
+        robot's own if it is there. The path is the planner's, or a straight line with `direct`.
+        `start` sets the robot's present pose (m, m, rad), if it is known better than the robot
+        estimates it. `unseen` is whether a path may lead through what nobody has seen, where no
+        other leads to the goal; None: the planner's own rule. `by` is the person or program, for
+        people.
 
         Raises:
             AbsentError: There is no interface agent.

@@ -12,6 +12,7 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import cos, hypot, isnan, radians, sin
+from pathlib import PurePath
 from typing import Final
 
 from msgspec import Struct, json
@@ -29,6 +30,7 @@ from armadico.core.messages import (
     MonitorReport,
     ParametersReply,
     Tuning,
+    line,
 )
 from armadico.core.resources import WHEELS
 from armadico.core.services import derived, matches, service_of
@@ -235,7 +237,7 @@ class Present(Struct, frozen=True, kw_only=True):
     robot: str = ""  # the name of its profile, as the robot agent describes it
     profile: str = ""  # the profile with which its agents were launched: a name or a file
     world: str = ""  # the map with which they were launched: a name or a file; "": none
-    maps: tuple[str, ...] = ()  # the digests of maps on their cards; empty: not known
+    maps: tuple[str, ...] = ()  # the digests on their cards of that map; empty: not known
     grid: OccupancyGrid | None = None  # the map made by driving, if one is served
     pose: Pose2 | None = None  # the estimated pose
     covariance: tuple[float, ...] = ()  # its covariance as in `Pose`; empty: not known
@@ -272,6 +274,7 @@ def present(account: Account, now: float) -> Present:
     pose, state = view.pose, view.state
     terms = None if view.trajectory is None else view.trajectory.terms
     agents = tuple(_agents(account, notes))
+    world = _launched(agents, "world")
     if {"monitor", "wakeup"} & view.names:
         notes.without("monitor and wakeup: a rehearsal restarts no agent")
     _note_surroundings(account, now, notes)
@@ -281,8 +284,8 @@ def present(account: Account, now: float) -> Present:
     return Present(
         robot="" if view.description is None else view.description.robot,
         profile=_launched(agents, "profile"),
-        world=_launched(agents, "world") or view.world,
-        maps=tuple(sorted({card.map for _, _, card in view.agents if card and card.map})),
+        world=world or view.world,
+        maps=_maps(view, line(PurePath(world).stem) or view.world),
         grid=account.grid,
         pose=None if pose is None else (pose.x, pose.y, pose.theta),
         covariance=() if pose is None else pose.covariance,
@@ -471,6 +474,12 @@ def _launched(agents: tuple[AgentNow, ...], name: str) -> str:
             if key == name and value not in ("none", '""'):
                 return str(json.decode(value)) if value[:1] == '"' else value
     return ""
+
+
+def _maps(view: View, world: str) -> tuple[str, ...]:
+    """The digests of the map of a name on the agents' cards; of all maps if the name is ""."""
+    cards = (card for _, _, card in view.agents if card is not None and card.map)
+    return tuple(sorted({card.map for card in cards if world in ("", card.world)}))
 
 
 def _note_faults(account: Account, now: float, notes: Notes) -> None:

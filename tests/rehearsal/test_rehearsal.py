@@ -476,6 +476,18 @@ def test_map_that_is_not_here_is_unknown(now: Present) -> None:
     assert "else.map" in found.reason
 
 
+def test_a_map_of_another_name_is_not_compared_with_theirs() -> None:
+    """Such as that of an agent that was started by hand without one; doctor reports it."""
+    stands = attended()
+    stands.now()
+    at, view = stands.run.mesh.now, stands.account.view
+    card = next(card for name, _, card in view.agents if name == "sonar" and card is not None)
+    for world, maps in (("empty", ()), ("sc4", ("89abcdef",))):
+        stands.account.learn(replace(card, world=world, map="89abcdef"), at)
+        of = present(stands.account, at)
+        assert (of.world, of.maps) == ("sc4", maps)
+
+
 def test_map_that_slam_makes_is_driven_on(now: Present) -> None:
     """A room of 6 m by 5 m, as far as it was seen: a part of it was not."""
     pytest.importorskip("armadico.agents.slam")

@@ -11,6 +11,7 @@ import json
 import re
 from base64 import b64decode, b64encode
 from collections.abc import Callable, Mapping
+from math import isfinite
 from typing import Any, Final
 
 import msgspec
@@ -373,7 +374,8 @@ def _without_nan(data: bytes) -> bytes | None:
     """Return a line with `NaN` and `Infinity` as text; None if it has none, or is no JSON either.
 
     JSON has no such numbers, but Python's `json` writes them. As text they are refused where they
-    belong, in the answer to the call, and a stop is obeyed.
+    belong, in the answer to the call, and a stop is obeyed. Numbers beside them that are too large,
+    such as 1e999, become text, too.
     """
     found: list[str] = []
 
@@ -381,8 +383,15 @@ def _without_nan(data: bytes) -> bytes | None:
         found.append(constant)
         return constant
 
+    def whole(digits: str) -> int | str:
+        return int(digits) if isfinite(float(digits)) else text(digits)
+
+    def finite(digits: str) -> float | str:
+        return float(digits) if isfinite(float(digits)) else text(digits)
+
     try:
-        plain = json.dumps(json.loads(data, parse_constant=text), allow_nan=False)
+        read = json.loads(data, parse_constant=text, parse_int=whole, parse_float=finite)
+        plain = json.dumps(read)
     except (ValueError, RecursionError):
         return None
     return plain.encode() if found else None

@@ -13,7 +13,7 @@ from tests.programs import Done, call
 
 SOURCE = '''"""Agents of one's own."""
 import time
-from armadico import Behaviour, Bid, Obstacles
+from armadico import Behaviour, Bid, Obstacles, Parameters
 class Mine(Behaviour):
     reacts_to = Obstacles
 class Raiser(Mine):
@@ -35,6 +35,10 @@ class Broken(Mine):
     def __init__(self, *given):
         super().__init__(*given)
         raise KeyError("at the start")  # there
+class Twin(Broken):
+    name = "twin"
+    class parameters(Parameters, frozen=True):
+        world: str | list[str] = "gazebo"
 class Pair(Mine):
     name = "pair"
     def propose(self, pose, obstacles):
@@ -127,6 +131,12 @@ def test_so_is_one_that_cannot_even_begin(package: Path) -> None:
     assert f'own.py", line {line("# there")}, in __init__' in done.stderr
     assert done.stderr.endswith("KeyError: 'at the start'\n")
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("words", [(), ("--set", 'world=["a", "b"]')])
+def test_a_parameter_world_need_not_name_a_map(package: Path, words: tuple[str, ...]) -> None:
+    done = of(package, "twin", *words, program="armadico-agent")
+    assert done.stderr.endswith("KeyError: 'at the start'\n"), "it got as far as that"
 
 
 @pytest.mark.long

@@ -89,4 +89,4 @@ def test_down_of_another_namespace_names_the_robots_that_go_on(base: Path) -> No
     """As of a mistyped one: what was asked for did not happen to this robot."""
     with locked(share_of("robot1", "lab1")):
         done = call("down", "--namespace", "robto1")
-    assert "robot1 on this machine is still up" in done.stderr
+    assert "still up on this machine: robot1" in done.stderr

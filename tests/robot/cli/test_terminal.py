@@ -62,6 +62,29 @@ def test_logs_are_of_the_robot_that_was_chosen(
     assert "logs of a, a-b, a/b: choose with --namespace" in capsys.readouterr().err
 
 
+def test_logs_of_a_robot_of_a_fleet_are_in_the_fleets_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+
+    def run(number: int, namespace: str, *names: str) -> None:
+        folder = logs_folder(namespace)
+        for name in names:
+            (folder / f"{name}.log").write_text(f"10:00:00.100 {name} INFO of run {number}\n")
+        os.utime(folder, (number, number))
+
+    run(1, "hall/r1", "goto")
+    run(2, "hall", "r1-avoid", "r1-goto", "r2-goto", "simulator")
+    run(3, "hall", "r2-goto")
+    assert main(["logs", "goto", "--namespace", "hall/r1"]) == 0
+    assert capsys.readouterr().out == "10:00:00.100 r1-goto INFO of run 2\n"
+    assert main(["logs", "robot", "--namespace", "hall/r1"]) == FAILED
+    assert "there are logs of: avoid, goto" in capsys.readouterr().err
+    run(4, "hall/r1", "goto")
+    assert main(["logs", "--namespace", "hall/r1"]) == 0
+    assert capsys.readouterr().out == "10:00:00.100 goto INFO of run 4\n"
+
+
 @pytest.mark.parametrize(
     "only", [["--level", "error"], ["--timeout", "2"], ["--connect", "tcp/a:1"]]
 )

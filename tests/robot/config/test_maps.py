@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from math import inf, pi, radians
+from math import cos, inf, pi, radians, sin
 from pathlib import Path
+from zlib import compress
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from armadico.config.maps import parse_map, read_map
 from armadico.config.mapwriter import format_map, write_map
-from armadico.config.worlds import Door, Room, World, load_world
+from armadico.config.worlds import Door, Room, Unseen, World, digest, hull, load_world
 from armadico.core.config_errors import ConfigError
 
 MAP = """\
@@ -195,6 +197,35 @@ def test_rooms_know_who_is_in_them() -> None:
     assert world.room_at(-1.0, 0.0) is None
     assert Room("r", 0.0, 0.0, 2.0, 2.0).away(1.0, 0.5) == -0.5
     assert Room("r", 0.0, 0.0, 2.0, 2.0).away(5.0, 6.0) == 5.0
+
+
+class Later(World, frozen=True):
+    """A world of a later version."""
+
+    storeys: int = 1
+
+
+def test_a_digest_is_that_of_the_map_on_any_computer_and_in_any_version() -> None:
+    grid = bytes(100)
+    unseen = [Unseen(0.0, 0.0, 0.3, 0.05, 20, 40, compress(grid, level)) for level in (0, 9)]
+    wall = (0.0, 0.0, cos(0.3), sin(0.3))
+    world = World("w", (wall,), hull((wall,)), rooms=(Room("r", *wall),), unseen=unseen[0])
+    nudged = (-0.0, 0.0, wall[2] + 1e-15, wall[3] - 1e-15)
+    same = {"unseen": unseen[1], "walls": (nudged,), "name": "v", "doubts": ("why",)}
+    assert digest(replace(world, **same)) == digest(world)
+    later = {name: getattr(world, name) for name in world.__struct_fields__}
+    assert digest(Later(**later)) == digest(world)
+    other = compress(b"\x01" + grid[1:])
+    for change in (
+        {"walls": ((0.0, 0.0, 1.0, 0.01),)},
+        {"rooms": (Room("s", *wall),)},
+        {"solid": True},
+        {"docks": {"d": (0.0, 0.0, 0.0)}},
+        {"unseen": replace(unseen[0], packed=other)},
+        {"unseen": replace(unseen[0], refused=True)},
+        {"unseen": None},
+    ):
+        assert digest(replace(world, **change)) != digest(world)
 
 
 def test_a_map_without_walls_announces_none_since_aria_refuses_a_count_of_0() -> None:

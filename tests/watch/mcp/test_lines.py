@@ -209,6 +209,15 @@ def test_a_number_that_json_lacks_is_refused_by_its_name_and_keeps_no_client_wai
     assert error is not None
 
 
+@pytest.mark.parametrize("large", ["1e999", "-1e999", "9" * 5000])
+def test_so_is_one_that_is_too_large_beside_it(large: str) -> None:
+    params = {"name": "goto", "arguments": {"x": float("nan"), "y": "LARGE"}}
+    data = request(method="tools/call", params=params).replace(b'"LARGE"', large.encode())
+    call = Lines("0.1").receive(data)
+    assert isinstance(call, Call)
+    assert json.loads(call.text) == {"x": "NaN", "y": large}
+
+
 AGREED = {
     "mcp-protocol-version": STATELESS,
     "mcp-method": "tools/call",
