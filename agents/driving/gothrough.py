@@ -165,6 +165,8 @@ class Gothrough(Behaviour):
             v = unhurried(v, w, self.scene(obstacles), p.safety)
         if p.rules == "safe":
             v, w = self.limited(v, w, obstacles, p.safety)
+            if self.refuses(v, w):  # its bid would keep others from freeing the robot
+                return self._none("the robot agent refuses the motion")
         self._commanded = (v, w)
         return Bid(utility, (v, w), reason=f"{utility:.2f} at {alpha:.2f} rad")
 

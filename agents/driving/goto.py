@@ -103,11 +103,13 @@ class Goto(Behaviour):
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
         """The speeds along the trajectory, and their utility."""
         wanted = v, w = self._desired(pose, obstacles)
+        held = False
         if self.p.rules == "safe":
             v, w = self.limited(v, w, obstacles, self.p.safety)
+            # Where an obstacle lets it do nothing, the largest bid would keep others from freeing
+            # it. The robot agent's readings may show one that the obstacles do not.
+            held = (v == w == 0.0 and any(wanted)) or self.refuses(v, w)
         self._commanded = (v, w)
-        # Where an obstacle lets it do nothing, the largest bid would keep others from freeing it.
-        held = v == w == 0.0 and any(wanted)
         utility = self.p.p_min if held else self._utility(pose)
         return Bid(utility, (v, w), reason=self._reason(pose, v, w))
 

@@ -448,16 +448,15 @@ class Contender:
         bid = self._bids[cycle]
         term = 1 if self.largest is None else self.largest.term + 1
         ballot = self.largest = Ballot(term, bid.utility, bid.critical, self.instance)
-        loser = self.rival.claim if self.rival is not None else None
+        rival, loser = self.rival, None if self.rival is None else self.rival.claim
         start, weight = self.measured, bid.utility
-        if loser is not None and loser.utility is not None:
+        if rival is not None and loser is not None and loser.utility is not None:
             weight = loser.utility
-        # An old command is not what the resource does now. Neither is the neutral action of a
-        # release while the robot still brakes.
-        within = 1 if loser is not None and loser.utility is None else None
-        recent = loser is not None and self.clock.fresh(loser.cycle, within)
-        if loser is not None and recent and event is not Event.UNOBEYED:
-            start = start if self.resource.fault(loser.commanded) else loser.commanded
+            # An old command is not what the resource does now. Neither is one that the owner did
+            # not obey, or the neutral action of a release while the robot still brakes.
+            recent = self.clock.fresh(loser.cycle) and self._drives(rival)
+            if recent and event is not Event.UNOBEYED and not self.resource.fault(loser.commanded):
+                start = loser.commanded
         careful = None
         if loser is not None and loser.critical and event is not Event.BETTER:
             careful = loser.cycle
@@ -556,6 +555,14 @@ class Contender:
         at, claimed = ack.obeyed_cycle, rival.claim.cycle
         over = at is not None and at.epoch == claimed.epoch and at.number >= claimed.number
         return ack.obeyed is None and over
+
+    def _drives(self, rival: Rival) -> bool:
+        """Return whether the owner obeys a rival, whose tenure may be newer than its ack."""
+        ack, since = self.ack, rival.since
+        if ack is None:
+            return False
+        older = ack.cycle.epoch == since.epoch and ack.cycle.number <= since.number
+        return older or ack.obeyed == rival.claim.ballot
 
     def _obeyed(self) -> bool:
         """Return whether the owner obeyed the largest known ballot within the last cycle."""

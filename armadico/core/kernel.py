@@ -50,6 +50,9 @@ from armadico.core.services import (
 )
 from armadico.core.settings import Settings
 
+# Foreign instances that have gone and are still refused. Late messages come within cycles.
+FOREIGN_REMEMBERED: Final = 64
+
 
 @dataclass(frozen=True, slots=True)
 class Subscription:
@@ -122,8 +125,9 @@ class Kernel(Desk):
         # The state of `rng` before the first draw: a replay begins here.
         self.drawn = agent.rng.getstate()
         self.tenure = 0  # the cycles for which the agent has worked
-        # Instances that do not understand its protocol, or have other resources.
-        self.foreign: set[str] = set()
+        # Instances that do not understand its protocol, or have other resources. They stay foreign
+        # when they have gone: their last messages may still be on the way.
+        self.foreign: dict[str, None] = {}
         self.speaks: dict[str, int] = {}  # the protocols that other instances use, by their cards
         self.elders = False  # whether one of them uses an older protocol than the agent
         self._contending: dict[str, m.Card] = {}  # by instance, for what this agent owns
@@ -337,7 +341,10 @@ class Kernel(Desk):
             why = f"declares {differing[0]}, this agent {differing[1]}"
         else:
             return
-        self.foreign.add(card.instance)
+        self.foreign[card.instance] = None
+        gone = [each for each in self.foreign if each not in self.living]
+        for instance in gone[:-FOREIGN_REMEMBERED]:
+            del self.foreign[instance]
         sender = f"{card.instance} (host {card.host}, pid {card.pid})"
         self.log(f"{sender} {why}: its claims and commands are refused", ERROR)
 
@@ -353,7 +360,6 @@ class Kernel(Desk):
     def forget(self, instance: str) -> None:
         """Forget the card of an instance that has ended, also before this agent has joined."""
         self._contending.pop(instance, None)
-        self.foreign.discard(instance)
         self.speaks.pop(instance, None)
         self._count_elders()
 

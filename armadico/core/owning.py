@@ -62,7 +62,7 @@ class Owning:
         verdict = owner.judge(command, now, stopped=stopped, fault=fault)
         if verdict is Verdict.OBEYED and action is not None:
             agent.obey(resource, unpack(action))
-        elif verdict is Verdict.RELEASED:
+        elif verdict is Verdict.RELEASED and owner.obeyed is None:  # else another tenure drives
             self.rest()
         elif verdict is Verdict.OUT_OF_RANGE:
             owner.refusals[f"{command.ballot.instance}: {fault}"] += 1

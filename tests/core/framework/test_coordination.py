@@ -593,22 +593,31 @@ def test_a_holder_lets_go_after_six_cycles_without_being_obeyed(cycles: int) -> 
     assert stage.contender.holding == (cycles < 6)
 
 
-def taken_over_from_a_release(age: int) -> float:
-    """The first commanded speed after a release of so many cycles ago."""
+def smooth() -> Solo:
+    """A contender that exchanges smoothly. The resource does (0.4, 0.0) by the acks."""
     stage = Solo()
     exchange, rng = EXCHANGES["smooth"], Random(1)
     stage.contender = Contender(WHEELS, "b-1", stage.clock, exchange, rng)
+    return stage
+
+
+@pytest.mark.parametrize("age", range(4))
+def test_what_went_with_a_release_is_not_where_an_exchange_begins(age: int) -> None:
+    stage = smooth()
     stage.cycle(5)
     stage.receive("a-1", 5 - age, None, commanded=(0.0, 0.0))
     stage.bid(0.6)
-    (command,) = stage.tick()
-    assert command.action is not None
-    assert not isinstance(command.action, bytes)
-    return command.action[0]
+    assert [c.action >= (0.4, 0.0) for c in stage.tick() if c.action] == [True]
 
 
-def test_what_went_with_a_release_is_not_where_an_exchange_begins_cycles_later() -> None:
-    assert taken_over_from_a_release(0) < 0.4
-    assert taken_over_from_a_release(1) < 0.4
-    assert taken_over_from_a_release(2) >= 0.4
-    assert taken_over_from_a_release(3) >= 0.4
+@pytest.mark.parametrize("driven", [True, False], ids=["obeyed", "not obeyed"])
+def test_an_exchange_begins_with_a_command_that_the_owner_obeys(driven: bool) -> None:
+    stage = smooth()
+    stage.cycle(5)
+    of = Ballot(3, 0.5, False, "a-1")
+    stage.receive("a-1", 5, 0.5, commanded=(0.0, 0.0))
+    stage.cycle(6, largest=of, obeyed=of if driven else None, obeyed_cycle=Cycle(1, 5))
+    stage.receive("a-1", 6, 0.5, commanded=(0.0, 0.0))
+    (first,) = stage.bid(0.8)
+    assert first.action is not None
+    assert (first.action < (0.4, 0.0)) == driven

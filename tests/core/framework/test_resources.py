@@ -243,6 +243,23 @@ def test_silence_rests_it_after_its_own_time(resource: Resource) -> None:
     assert any(f"{resource.name}: no valid command for" in text for text in world.logs())
 
 
+@pytest.mark.parametrize("by", [Command, Claim])
+@pytest.mark.parametrize("obeyed", [True, False], ids=["obeyed", "not obeyed"])
+def test_a_release_rests_what_its_tenure_drives(obeyed: bool, by: type[Message]) -> None:
+    world = World(arm(GRIPPER), hand("only", 0.8, GRIPPER)).run(1.0)
+    last = world.of(Claim, GRIPPER)[-1]
+    ballot = last.ballot if obeyed else replace(last.ballot, term=9, instance="gone-1")
+    released = (
+        Command("gripper", last.cycle, ballot, None)
+        if by is Command
+        else Claim("gripper", ballot, last.cycle, None)
+    )
+    node = world.nodes["arm"]
+    node.agent.kernel.receive(released, node.agent.now)
+    assert bool(world.agent("arm").rests) == obeyed
+    assert world.agent("arm").owner(GRIPPER).largest == ballot
+
+
 @pytest.mark.parametrize("resource", ALL, ids=lambda resource: resource.name)
 def test_talk_does_not_grow_with_the_losers(resource: Resource) -> None:
     def talk(losers: int) -> int:

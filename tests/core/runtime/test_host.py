@@ -14,6 +14,7 @@ from armadico.core import messages as m
 from armadico.core.agent import INFO, WARNING, Agent, Question
 from armadico.core.driver import LINES, LINES_A_S, REPORT_S, Announce, Driver
 from armadico.core.exchange import Bid
+from armadico.core.kernel import FOREIGN_REMEMBERED
 from armadico.core.mailbox import EVENTS
 from armadico.core.messages import (
     Ack,
@@ -500,7 +501,7 @@ def test_a_card_in_anothers_name_is_ignored() -> None:
     driver.drain()
     driver.on_reply(question, card("goto-1", 99), 1.1)
     driver.on_reply(question, card(driver.agent.instance, 99), 1.1)
-    assert driver.agent.kernel.foreign == set()
+    assert not driver.agent.kernel.foreign
     assert driver.refusal == ""
     assert not [item for item in driver.drain() if isinstance(item, Publish)]
 
@@ -510,12 +511,24 @@ def test_claims_of_an_instance_with_another_declaration_are_rejected() -> None:
     question = queried_card(driver, "evil", "evil-1", 5.0)
     driver.on_reply(question, card("evil-1", declares=("wheels(left, right)",)), 5.1)
     agent = driver.agent
-    assert agent.kernel.foreign == {"evil-1"}
+    assert set(agent.kernel.foreign) == {"evil-1"}
     agent.kernel.receive(state(1), 5.2)
     agent.kernel.receive(Claim("wheels", Ballot(9, 1.0, True, "evil-1"), Cycle(7, 1), 1.0), 5.2)
     assert agent.kernel.bidding(WHEELS).contender.largest is None
-    driver.token("evil", "evil-1", False, 6.0)
-    assert agent.kernel.foreign == set(), "an instance that has gone is forgotten"
+    driver.token("evil", "evil-1", False, 5.2)
+    agent.kernel.receive(Claim("wheels", Ballot(9, 1.0, True, "evil-1"), Cycle(7, 1), None), 5.2)
+    assert agent.kernel.bidding(WHEELS).contender.largest is None, "its release came after its end"
+
+
+def test_of_the_foreign_instances_that_have_gone_the_last_are_remembered() -> None:
+    driver = at_work()
+    for number in range(FOREIGN_REMEMBERED + 9):
+        question = queried_card(driver, "evil", f"evil-{number}", 5.0)
+        driver.on_reply(question, card(f"evil-{number}", declares=("wheels(left, right)",)), 5.0)
+        driver.token("evil", f"evil-{number}", number < 2, 5.0)  # the first two stay
+    kept = list(driver.agent.kernel.foreign)
+    assert kept[:3] == ["evil-0", "evil-1", "evil-8"]
+    assert len(kept) < FOREIGN_REMEMBERED + 4
 
 
 # Time ---------------------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ from armadico.agents.driving.gothrough import Gothrough, Parameters
 from armadico.core.agent import Identity
 from armadico.core.messages import Point
 from armadico.core.resources import WHEELS
+from armadico.mobile.behaviour import REFUSED_CYCLES
 from armadico.mobile.messages import Trajectory
 from armadico.mobile.motion import touches_at
 from armadico.observe.measures import speeds
@@ -54,6 +55,16 @@ def test_it_does_not_bid_without_a_goal_nor_where_it_is_not_narrow() -> None:
     ):
         assert made.cycle(points=points) == []
         assert made.bid.reason == why
+
+
+def test_a_way_that_the_robot_agent_refuses_is_left_to_others() -> None:
+    made = stage()
+    made.holding(points=between(0.5))
+    assert made.bid.utility == 1.0
+    made.capped = "an obstacle is in the way"
+    for _ in range(REFUSED_CYCLES + 1):
+        made.cycle(points=between(0.5))
+    assert (made.bid.utility, made.bid.reason) == (0.0, "the robot agent refuses the motion")
 
 
 def test_it_steers_to_the_middle() -> None:

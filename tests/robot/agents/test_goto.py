@@ -16,7 +16,7 @@ from armadico.agents.methods.settings import Brisk
 from armadico.core.agent import Identity
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import Description, Point, RobotState, Twist
-from armadico.mobile.behaviour import HEEDS_M_S
+from armadico.mobile.behaviour import HEEDS_M_S, REFUSED_CYCLES
 from armadico.mobile.messages import Pose, Trajectory, Waypoint
 from armadico.mobile.motion import touches_at
 from armadico.mobile.sight import in_sight
@@ -172,6 +172,18 @@ def test_on_its_goal_with_no_room_to_turn_it_does_not_keep_the_wheels_from_other
     assert (made.bid.utility, made.bid.wanted[1] > 0.0) == (1.0, True)
     made.cycle(points=[Point(0.2, 0.18)])  # beside its front corner
     assert (made.bid.utility, made.bid.wanted) == (Parameters().p_min, (0.0, 0.0))
+
+
+def test_a_turn_at_the_goal_that_the_robot_agent_refuses_does_not_keep_the_wheels() -> None:
+    made = stage(drive_to((0.0, 0.0, 1.57)))
+    made.holding()
+    made.capped = "an obstacle is in the way"
+    utilities = [made.bid.utility]
+    for _ in range(REFUSED_CYCLES + 1):
+        made.cycle()
+        utilities.append(made.bid.utility)
+    assert (utilities[0], utilities[-1]) == (1.0, Parameters().p_min)
+    assert made.bid.wanted[1] > 0.0, "the obstacles show none"
 
 
 def test_the_same_mission_again_changes_nothing_a_new_one_does() -> None:
