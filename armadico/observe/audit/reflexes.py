@@ -46,7 +46,8 @@ class Reflexes(Rule):
 
     What the robot agent sensed beside itself it remembers for as long as it stays beside it. An
     auditor that did not receive its first readings thus calls no speed too low until the robot has
-    left that place. A gap in the readings erases nothing, neither there nor here.
+    left that place. After each gap in what is received it begins anew: whether a sensor was silent
+    or its readings were lost is not known, nor what these showed.
     """
 
     promise = Promise.EARNED
@@ -101,10 +102,12 @@ class Reflexes(Rule):
         if len(states) <= WAITS:
             return
         here, then = states[0], states[1]
-        self._recall(here, about)
         if not self._update(here, about):
-            self.checked, self._learnt_s = True, 0.0
+            self.checked = True
+            if self._learnt_s:
+                self._begin(about)
             return
+        self._recall(here, about)
         if then.ordered == Twist(0.0, 0.0) or self._learnt_s < LEARNS_S:
             return
         yield from self._judge(here, then, now)
@@ -134,8 +137,11 @@ class Reflexes(Rule):
     def _update(self, here: RobotState, about: Description) -> bool:
         """Add a cycle, as the robot agent does; False if readings of it were not received."""
         sonar, scan = self._read.pop(here.cycle, (None, None))
+        if any({"sonar": sonar, "laser": scan}.get(name, here) is None for name in about.sensors):
+            return False
         for cycle in [each for each in self._read if each.number < here.cycle.number]:
             del self._read[cycle]
+        self._learnt_s += about.cycle_s
         for reflex, clock in zip(self._reflexes, CLOCKS, strict=True):
             reflex.update(
                 () if sonar is None else sonar.echoes,
@@ -145,9 +151,7 @@ class Reflexes(Rule):
                 scan,
                 (here.admitted.v, here.admitted.w),
             )
-        self._learnt_s += about.cycle_s
-        read = {"sonar": sonar, "laser": scan}
-        return all(read.get(name, here) is not None for name in about.sensors)
+        return True
 
     def _judge(self, here: RobotState, then: RobotState, now: Scene) -> Iterator[Finding]:
         assert now.description is not None, "it is described"
