@@ -37,6 +37,8 @@ OFF, OF_ORDERS = 4, 30
 """So many of so many orders are let through, or held back, against the reflex. In 15 undisturbed
 drives of six robots it was one at most, while a person came near."""
 
+REMEMBERS: Final = "it may remember obstacles beside it from before the readings received"
+
 
 class Reflexes(Rule):
     """The robot agent lets through what its reflex admits, no less and no more.
@@ -67,12 +69,15 @@ class Reflexes(Rule):
         self._over: deque[bool] = deque(maxlen=OF_ORDERS)
         self._under: deque[bool] = deque(maxlen=OF_ORDERS)
         self._unknown = ""
-        self._judged = False
+        self._judged = self._judged_low = False  # whether speeds were too high, and too low
 
     @property
     def pending(self) -> str:
-        without = f"no {LEARNS_S:.0f} s of readings without a gap"
-        return self._unknown or ("" if self._judged else without)
+        if self._unknown or self._judged_low:
+            return self._unknown
+        if self._judged:
+            return f"speeds lower than its reflex admits: {REMEMBERS}"
+        return f"no {LEARNS_S:.0f} s of readings without a gap"
 
     def on_sonar(self, sonar: Sonar, _: Scene) -> None:
         self._read[sonar.cycle] = sonar, self._read.get(sonar.cycle, (None, None))[1]
@@ -171,6 +176,7 @@ class Reflexes(Rule):
         self._over.append(over)
         self._under.append(under)
         self.checked = self._judged = True
+        self._judged_low |= self._recalls
         if now.excuse(Excuse.DISTURBED) is not None:
             return
         orders, why = f"in {OFF} of {OF_ORDERS} orders", self._reflexes[0].why
