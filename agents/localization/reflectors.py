@@ -35,8 +35,8 @@ TILE_CELLS: Final = 8
 """Side of the square of cells that are computed together."""
 
 BATCH: Final = 512
-"""Cells whose likely reflectors are computed at a time: the arrays written to stay in the
-processor's cache."""
+"""Cells whose likely reflectors are computed at a time, and points whose walls before them are: the
+arrays written to stay in the processor's cache."""
 
 MARGIN_M: Final = 1.0
 """Margin of cells beyond the map's bounds: a robot may be a little off its map."""
@@ -311,22 +311,31 @@ def _in_sight(
     walls = np.flatnonzero(r.length > WALL_SLACK_M)
     begin_x, begin_y, length = r.x[walls], r.y[walls], r.length[walls] - WALL_SLACK_M
     end_x, end_y = begin_x + r.along_x[walls] * length, begin_y + r.along_y[walls] * length
-    lines = np.column_stack([far_x, far_y, far_y * x - far_x * y])
-    ones = np.ones_like(length)
-    begins = lines @ np.stack(
-        [begin_y, -begin_x, ones]
-    )  # (pairs, walls): on which side of the line
-    ends = lines @ np.stack([end_y, -end_x, ones])
-    pair, one = np.nonzero(begins * ends <= 0.0)
-    # Where on the line to the point the wall is; its own walls end there.
-    before, after = begins[pair, one], ends[pair, one]
-    share = before / np.where(before == after, 1.0, before - after)  # 0: along the wall
-    at_x = begin_x[one] + share * (end_x - begin_x)[one] - x[pair]
-    at_y = begin_y[one] + share * (end_y - begin_y)[one] - y[pair]
-    away = np.hypot(far_x, far_y)
-    way = (at_x * far_x[pair] + at_y * far_y[pair]) / away[pair]
+    west, east = np.minimum(begin_x, end_x) - JOINT_M, np.maximum(begin_x, end_x) + JOINT_M
+    south, north = np.minimum(begin_y, end_y) - JOINT_M, np.maximum(begin_y, end_y) + JOINT_M
     seen = np.ones(len(x), dtype=np.bool_)
-    seen[pair[(way > 0.0) & (way < away[pair] - JOINT_M)]] = False
+    order = np.argsort(np.arctan2(far_y, far_x))  # in a batch of near bearings few walls matter
+    for first in range(0, len(order), BATCH):
+        part = order[first : first + BATCH]
+        px, py, dx, dy = x[part], y[part], far_x[part], far_y[part]
+        xs, ys = np.concatenate([px, px + dx]), np.concatenate([py, py + dy])
+        near = np.flatnonzero(
+            (west < xs.max()) & (east > xs.min()) & (south < ys.max()) & (north > ys.min())
+        )
+        ax, ay, bx, by = begin_x[near], begin_y[near], end_x[near], end_y[near]
+        lines = np.column_stack([dx, dy, dy * px - dx * py])
+        ones = np.ones_like(ax)
+        begins = lines @ np.stack([ay, -ax, ones])  # (pairs, walls): on which side of the line
+        ends = lines @ np.stack([by, -bx, ones])
+        pair, one = np.nonzero(begins * ends <= 0.0)
+        # Where on the line to the point the wall is; its own walls end there.
+        before, after = begins[pair, one], ends[pair, one]
+        share = before / np.where(before == after, 1.0, before - after)  # 0: along the wall
+        at_x = ax[one] + share * (bx - ax)[one] - px[pair]
+        at_y = ay[one] + share * (by - ay)[one] - py[pair]
+        away = np.hypot(dx, dy)
+        way = (at_x * dx[pair] + at_y * dy[pair]) / away[pair]
+        seen[part[pair[(way > 0.0) & (way < away[pair] - JOINT_M)]]] = False
     return seen
 
 

@@ -37,6 +37,8 @@ OFF, OF_ORDERS = 4, 30
 """So many of so many orders are let through, or held back, against the reflex. In 15 undisturbed
 drives of six robots it was one at most, while a person came near."""
 
+REMEMBERS: Final = "it may remember obstacles beside it from before the readings received"
+
 
 class Reflexes(Rule):
     """The robot agent lets through what its reflex admits, no less and no more.
@@ -46,7 +48,8 @@ class Reflexes(Rule):
 
     What the robot agent sensed beside itself it remembers for as long as it stays beside it. An
     auditor that did not receive its first readings thus calls no speed too low until the robot has
-    left that place. A gap in the readings erases nothing, neither there nor here.
+    left that place. After each gap in what is received it begins anew: whether a sensor was silent
+    or its readings were lost is not known, nor what these showed.
     """
 
     promise = Promise.EARNED
@@ -66,12 +69,15 @@ class Reflexes(Rule):
         self._over: deque[bool] = deque(maxlen=OF_ORDERS)
         self._under: deque[bool] = deque(maxlen=OF_ORDERS)
         self._unknown = ""
-        self._judged = False
+        self._judged = self._judged_low = False  # whether speeds were too high, and too low
 
     @property
     def pending(self) -> str:
-        without = f"no {LEARNS_S:.0f} s of readings without a gap"
-        return self._unknown or ("" if self._judged else without)
+        if self._unknown or self._judged_low:
+            return self._unknown
+        if self._judged:
+            return f"speeds lower than its reflex admits: {REMEMBERS}"
+        return f"no {LEARNS_S:.0f} s of readings without a gap"
 
     def on_sonar(self, sonar: Sonar, _: Scene) -> None:
         self._read[sonar.cycle] = sonar, self._read.get(sonar.cycle, (None, None))[1]
@@ -101,10 +107,12 @@ class Reflexes(Rule):
         if len(states) <= WAITS:
             return
         here, then = states[0], states[1]
-        self._recall(here, about)
         if not self._update(here, about):
-            self.checked, self._learnt_s = True, 0.0
+            self.checked = True
+            if self._learnt_s:
+                self._begin(about)
             return
+        self._recall(here, about)
         if then.ordered == Twist(0.0, 0.0) or self._learnt_s < LEARNS_S:
             return
         yield from self._judge(here, then, now)
@@ -134,8 +142,11 @@ class Reflexes(Rule):
     def _update(self, here: RobotState, about: Description) -> bool:
         """Add a cycle, as the robot agent does; False if readings of it were not received."""
         sonar, scan = self._read.pop(here.cycle, (None, None))
+        if any({"sonar": sonar, "laser": scan}.get(name, here) is None for name in about.sensors):
+            return False
         for cycle in [each for each in self._read if each.number < here.cycle.number]:
             del self._read[cycle]
+        self._learnt_s += about.cycle_s
         for reflex, clock in zip(self._reflexes, CLOCKS, strict=True):
             reflex.update(
                 () if sonar is None else sonar.echoes,
@@ -145,9 +156,7 @@ class Reflexes(Rule):
                 scan,
                 (here.admitted.v, here.admitted.w),
             )
-        self._learnt_s += about.cycle_s
-        read = {"sonar": sonar, "laser": scan}
-        return all(read.get(name, here) is not None for name in about.sensors)
+        return True
 
     def _judge(self, here: RobotState, then: RobotState, now: Scene) -> Iterator[Finding]:
         assert now.description is not None, "it is described"
@@ -167,6 +176,7 @@ class Reflexes(Rule):
         self._over.append(over)
         self._under.append(under)
         self.checked = self._judged = True
+        self._judged_low |= self._recalls
         if now.excuse(Excuse.DISTURBED) is not None:
             return
         orders, why = f"in {OFF} of {OF_ORDERS} orders", self._reflexes[0].why

@@ -1091,10 +1091,10 @@ def test_what_is_published_can_be_sent_however_far_off_the_odometry_is(
 # What is kept of a map ----------------------------------------------------------------------------
 
 
-@pytest.fixture
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+@pytest.fixture(params=["LARGE", "MANY"])
+def cache(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr("armadico.agents.localization.localization.LARGE", 1)
+    monkeypatch.setattr(f"armadico.agents.localization.localization.{request.param}", 1)
     return tmp_path / "armadico"
 
 

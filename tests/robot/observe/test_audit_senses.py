@@ -109,13 +109,19 @@ def test_readings_that_are_not_received_accuse_no_reflex(received: int) -> None:
 
 
 def after_an_echo(
-    reflex_caps: bool, since: int = 0, silent: range = range(0), drives: range = range(0)
-) -> list[Promise]:
-    """What is found of a robot that is ordered ahead 20 s after it sensed something there.
+    reflex_caps: bool,
+    since: int = 0,
+    silent: range = range(0),
+    drives: range = range(0),
+    lost: range = range(0),
+    unknown: range = range(0),
+) -> Auditor:
+    """The auditor of a robot that is ordered ahead 20 s after it sensed something there.
 
     Its sonars ahead have read nothing since. Without its reflex it stands. The auditor receives
-    messages from cycle `since` on. No sonar fires in the cycles `silent`. In `drives` the robot
-    goes ahead by 0.05 m each, with all sonars, and its reflex is not asked.
+    messages from cycle `since` on, but no readings of `lost` and no states of `unknown`. No sonar
+    fires in the cycles `silent`. In `drives` the robot goes ahead by 0.05 m each, with all sonars,
+    and its reflex is not asked.
     """
     ring = load_profile(ROBOT).sonar.sonars  # type: ignore[union-attr]
     about = structs.replace(described(), sensors=("sonar",))
@@ -131,15 +137,16 @@ def after_an_echo(
             if first or moved or abs(each.place[2]) > 1.0
         )
         echoes = () if number in silent else echoes
-        said: list[Message] = [about, state(number, (x, 0.0, 0.0), (0.0, 0.0), ordered, admitted)]
-        said += [Sonar(Cycle(1, number), 5.0, echoes)] if echoes else []
+        now_is = state(number, (x, 0.0, 0.0), (0.0, 0.0), ordered, admitted)
+        said: list[Message] = [about, *([now_is] if number not in unknown else [])]
+        said += [Sonar(Cycle(1, number), 5.0, echoes)] if echoes and number not in lost else []
         for message in said if number >= since else ():
             auditor.update(now, "", message)
         reflex.update(echoes, (x, 0.0, 0.0), (0.0, 0.0), now, None, (admitted.v, 0.0))
         if number > 220:
             ordered = Twist(0.3, 0.0)
             admitted = Twist(*reflex.cap(0.3, 0.0)) if reflex_caps else NOT_DRIVEN
-    return [each.promise for each in auditor.findings]
+    return auditor
 
 
 @pytest.mark.parametrize("since", [1, 60])
@@ -147,7 +154,11 @@ def after_an_echo(
 def test_what_the_reflex_remembers_beside_the_robot_holds_it_back_with_reason(
     since: int, silent: range
 ) -> None:
-    assert after_an_echo(reflex_caps=True, since=since, silent=silent) == []
+    assert after_an_echo(reflex_caps=True, since=since, silent=silent).findings == []
+
+
+def test_a_robot_that_sensed_something_where_readings_were_lost_is_held_back_with_reason() -> None:
+    assert after_an_echo(reflex_caps=True, lost=range(1, 5)).findings == []
 
 
 @pytest.mark.parametrize(
@@ -156,8 +167,32 @@ def test_what_the_reflex_remembers_beside_the_robot_holds_it_back_with_reason(
 def test_a_robot_that_has_left_what_it_remembers_is_held_back_without_reason(
     since: int, silent: range
 ) -> None:
-    away = range(160, 210)
-    assert after_an_echo(False, since, silent, away) == [Promise.SPEED]
+    auditor = after_an_echo(False, since, silent, range(160, 210))
+    assert [each.promise for each in auditor.findings] == [Promise.SPEED]
+
+
+@pytest.mark.parametrize(
+    ("since", "lost", "unknown"),
+    [
+        (60, range(0), range(0)),
+        (1, range(60, 61), range(0)),
+        (1, range(100, 104), range(0)),
+        (1, range(0), range(60, 61)),
+    ],
+)
+def test_where_it_may_remember_what_was_not_received_low_speeds_are_not_checked(
+    since: int, lost: range, unknown: range
+) -> None:
+    """A sound robot was accused of SPEED when readings had been lost on the way to the auditor."""
+    near = range(200, 215)
+    complete = after_an_echo(False, drives=near)
+    assert [each.promise for each in complete.findings] == [Promise.SPEED]
+    assert complete.report()[0].answer is Answer.YES
+    auditor = after_an_echo(False, since, drives=near, lost=lost, unknown=unknown)
+    assert auditor.findings == []
+    (found,) = auditor.report()
+    assert found.answer is Answer.UNKNOWN
+    assert "lower than its reflex admits" in found.what
 
 
 def test_the_reflex_of_a_robot_without_a_profile_at_hand_is_unknown() -> None:
