@@ -250,6 +250,16 @@ def _parameters(instance: str, parameters: dict[str, TomlValue]) -> ParametersRe
     return ParametersReply(instance, (), fixed=tuple(rows))
 
 
+def files_of(path: Path) -> list[Path]:
+    """A recording's files: this one, and those in which `--max-size` continued it."""
+    found = [path]
+    for further in (part(path, number) for number in count(1)):
+        if not further.is_file():
+            break
+        found.append(further)
+    return found
+
+
 class Past:
     """A recording with all its files: messages and journals."""
 
@@ -268,13 +278,7 @@ class Past:
 
     @property
     def paths(self) -> list[Path]:
-        further = (part(self.path, number) for number in count(1))
-        found = [self.path]
-        for path in further:
-            if not path.is_file():
-                return found
-            found.append(path)
-        raise AssertionError("there are not endless files")
+        return files_of(self.path)
 
     def check(self) -> None:
         """Raises UnreadError if it was recorded with a protocol that this program does not read."""

@@ -42,7 +42,7 @@ def run(args: Options) -> int:
     if args.world is not None and args.to == "csv":
         raise UsageError("--world: tables have no walls; leave it out, or export --to rrd or ros2")
     options.need("mcap", "record")
-    from armadico.watch.recordings import RecordingError
+    from armadico.watch.recordings import RecordingError, files_of
 
     warn, damage = options.reporter("armadico export"), list[str]()
 
@@ -61,6 +61,9 @@ def run(args: Options) -> int:
         where = error.filename or _out(args)  # the error of a full disk names no file
         raise FailedError(f"{where}: {error.strerror or error}") from None
     print(summary)
+    if others := [path.name for path in files_of(args.file)[1:]]:
+        last = f" to {others[-1]}" if others[1:] else ""
+        warn(f"only {args.file.name} was exported; its recording continues in {others[0]}{last}")
     if damage:
         print("The recording is damaged: missing messages were not exported.")
     return options.UNKNOWN if damage else 0
