@@ -13,7 +13,7 @@ from armadico.mobile.behaviour import FOUND_S, LOST_M
 from armadico.mobile.geometry import Pose2, compose, relative, wrap
 from armadico.mobile.messages import Correction, InitialPose, Pose, Truth
 from armadico.observe.audit.promises import Excuse, Finding, Promise
-from armadico.observe.audit.rules import Rule
+from armadico.observe.audit.rules import MISSING, Rule
 from armadico.observe.audit.scene import SIGMAS, STATES, Scene
 
 STEP_M = 0.02
@@ -264,12 +264,12 @@ class Scaled(Rule):
         self._from: tuple[RobotState, Truth | Pose] | None = None
         self._sums = np.zeros(4)  # of this window: both ways, m, and times, s
         self._off = 0.0  # the share in the window before
-        self._compared = False
+        self._windows = self._not_compared = 0
         self._other_time = ""  # of the newest window that was not compared
 
     @property
     def pending(self) -> str:
-        return "" if self._compared else self._other_time
+        return self._other_time if self._not_compared > MISSING * self._windows else ""
 
     @property
     def due(self) -> bool:
@@ -298,11 +298,12 @@ class Scaled(Rule):
         (way, true, lasted, truly), was = self._sums.tolist(), self._off
         self._sums[:] = 0.0
         self.checked = True
+        self._windows += 1
         if abs(truly - lasted) > SAME_TIME * lasted:
+            self._not_compared += 1
             kind = type(at).__name__
             self._other_time = f"{lasted:.1f} s of the robot's cycles are {truly:.1f} s of {kind}"
             return
-        self._compared = True
         self._off = way / max(true, 0.01) - 1.0
         if min(abs(self._off), abs(was)) > SCALE and self._off * was > 0.0:
             self._off = 0.0

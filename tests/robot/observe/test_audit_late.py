@@ -121,14 +121,25 @@ def test_an_odometry_that_comes_in_bursts_or_later_and_later_has_the_same_scale(
             assert Promise.ODOMETRY not in accused(late, drive.auditor)
 
 
-@pytest.mark.parametrize(("period", "answer"), [(1.0, Answer.YES), (1.07, Answer.UNKNOWN)])
+@pytest.mark.parametrize(
+    ("period", "from_s", "answer"),
+    [
+        (1.0, 0.0, Answer.YES),
+        (1.07, 0.0, Answer.UNKNOWN),
+        (1.07, 20.0, Answer.UNKNOWN),  # the windows before it do not speak for those after it
+        (1.07, 36.5, Answer.YES),  # one of ten
+    ],
+)
 def test_the_scale_of_a_base_of_another_period_than_described_is_not_checked(
-    period: float, answer: Answer
+    period: float, from_s: float, answer: Answer
 ) -> None:
+    def passed(at: float) -> float:
+        return at + (period - 1.0) * max(at - from_s, 0.0)
+
     auditor = Drive().auditor.anew()
-    for at, message in Drive().go(15).said:
-        same = replace(message, t=period * message.t) if isinstance(message, Truth) else message
-        auditor.update(period * at, "", same)
+    for at, message in Drive().go(40).said:
+        same = replace(message, t=passed(message.t)) if isinstance(message, Truth) else message
+        auditor.update(passed(at), "", same)
     report = auditor.report()
     answers = [each for each in report if each.promise is Promise.ODOMETRY]
     found = next((each for each in answers if each.answer is not Answer.YES), answers[0])
