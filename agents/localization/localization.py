@@ -222,10 +222,11 @@ class Localized:
 
     unconfirmed: int = 0  # searches that still have to confirm it
     unproved: float = 0.0  # distance that it still has to drive with readings that fit, m
-    found: bool = False  # whether a search found what is to be proved, rather than lost trust in it
     off_map: bool = False  # whether the map does not show this place: scans alone tell the motion
-    # The least deviation off the map, m; it holds until the robot is back, and proved.
+    # The least deviations off the map, of a place that was found, and by matches that contradict
+    # the wheels, m and rad; they hold until the robot is back, and proved.
     off_m: float = 0.0
+    off_rad: float = 0.0
     suspect: bool = False  # whether another place explains the new readings better
     verdicts: int = 0  # consecutive searches that agreed on another place
     agreed: Pose2 = STOOD  # that place
@@ -233,14 +234,14 @@ class Localized:
     unmoved: Pose2 | None = None  # while unconfirmed: as in `Lost`
 
     @property
-    def is_new(self) -> bool:
-        """Whether a search found this place, and it is still to be confirmed or proved."""
-        return self.found and not self.off_map and not self.is_proved
-
-    @property
     def is_proved(self) -> bool:
         """Whether nothing is left that has to confirm or prove this place."""
         return self.unconfirmed == 0 and self.unproved <= 0.0
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether it is proved, on the map."""
+        return self.is_proved and not self.off_map
 
 
 @dataclass(frozen=True)
@@ -473,23 +474,26 @@ class Localization(Agent):
         after = window.pose(odometry.pose)
         self._move(relative(before, after))
         self._filter.spread(errors.matched)
+        if any(errors.disputed) and isinstance(self._belief, Localized):
+            # The map cannot tell which is right: a stuck laser shows a place that fits.
+            held, (off_m, off_rad) = self._unproved(self._belief), errors.disputed
+            off_m, off_rad = held.off_m + off_m, held.off_rad + off_rad
+            self._belief = replaced(held, off_m=off_m, off_rad=off_rad)
         if not self._belief.off_map:  # there the map would tell that the match was wrong
             self._filter.spread(errors.wheels, WRONG_MATCHES, relative(after, before))
         if not window.torn:
-            if self._questioned and not self._belief.off_map:
+            belief = self._belief
+            if self._questioned and isinstance(belief, Localized) and not belief.off_map:
                 # Another place may look like the one before, and fit the map half a metre away.
-                self._belief = self._unproved(self._belief)
+                self._belief = self._unproved(belief)
             self._fitted = self._filter.fit
         self._steer(errors.normals)
 
-    def _unproved(self, belief: Localized | Lost) -> Localized | Lost:
+    def _unproved(self, belief: Localized) -> Localized:
         """The belief with a place that has to be proved again."""
-        if isinstance(belief, Lost):
-            return belief
-        held = belief.off_map or belief.unproved > 0.0
         proof = max(belief.unproved, self.p.proved_m)
-        off_m = belief.off_m if held else 0.0
-        return replaced(belief, unproved=proof, found=belief.is_new, off_m=off_m)
+        off_m, off_rad = (0.0, 0.0) if belief.is_sure else (belief.off_m, belief.off_rad)
+        return replaced(belief, unproved=proof, off_m=off_m, off_rad=off_rad)
 
     def _steer(self, normals: Floats) -> None:
         """Learn the directions of walls on the map; correct the heading by them off it."""
@@ -632,7 +636,8 @@ class Localization(Agent):
             c = widened(c, self._filter.bound.at(found.pose[2]))
             c = c if belief.off_map else confined(c, self.p.doubt_m)
             more = max(0.0, self._least_m(belief) ** 2 - float(c[0, 0] + c[1, 1]))
-            turned = max(0.0, FOUND_RAD**2 - float(c[2, 2])) if belief.is_new else 0.0
+            least_rad = 0.0 if belief.is_sure else belief.off_rad
+            turned = max(0.0, least_rad**2 - float(c[2, 2]))
             c = c + np.diag([0.5 * more, 0.5 * more, turned])
         self.publish(
             Correction(
@@ -659,12 +664,13 @@ class Localization(Agent):
             off = hits < ON_MAP or self._filter.estimate().share < AGREED
         if off and not belief.off_map:
             off_m = belief.off_m if belief.unproved > 0.0 else 0.0
-            self._belief = replaced(belief, off_map=True, off_m=off_m, suspect=False, verdicts=0)
+            belief = replaced(belief, off_map=True, off_m=off_m, off_rad=0.0)
+            self._belief = replaced(belief, suspect=False, verdicts=0)
             self.log("the robot is off the map: scans alone tell its motion")
         elif belief.off_map and not off:
             off_m = max(belief.off_m, self._filter.bound.most_m)
             self._estimate, proof = None, RETURNED * self.p.proved_m
-            self._belief = replaced(belief, off_map=False, off_m=off_m, unproved=proof, found=False)
+            self._belief = replaced(belief, off_map=False, off_m=off_m, unproved=proof)
             self.log("the robot is on the map again")
 
     def _least_m(self, belief: Localized) -> float:
@@ -673,8 +679,7 @@ class Localization(Agent):
         if self._questioned:
             return self.p.adrift_m
         if self._follows:
-            sure = belief.is_proved and not belief.off_map
-            return 0.0 if sure else max(self.p.unproved_m, belief.off_m)
+            return 0.0 if belief.is_sure else max(self.p.unproved_m, belief.off_m)
         if belief.suspect or refuted:
             # At rest no new reading can settle it: relocate makes the robot turn.
             rests = self.now - self._searches.at > UNSETTLED_S
@@ -857,11 +862,11 @@ class Localization(Agent):
         unmoved = self._belief.unmoved
         if not proofs or (unmoved is not None and apart(pose, unmoved)):
             unmoved = None
-        proof = 0.0
+        proof = off_rad = 0.0
         if isinstance(self._belief, Lost):
-            proof = self.p.proved_m
+            proof, off_rad = self.p.proved_m, FOUND_RAD
             self._filter.require_proof(self.p.unproved_m, FOUND_RAD)
-        self._belief = Localized(proofs, proof, found=proof > 0.0, unmoved=unmoved)
+        self._belief = Localized(proofs, proof, off_rad=off_rad, unmoved=unmoved)
         self._estimate = pose
         self._searches = Searches(at=self._searches.at)
         self.log(f"the robot is localized at {_place(pose)}")
