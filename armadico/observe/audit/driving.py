@@ -18,7 +18,15 @@ from armadico.core.messages import Ack, Cycle, Description, RobotState
 from armadico.core.resources import WHEELS
 from armadico.mobile.admissible import UNSEEN
 from armadico.mobile.geometry import relative
-from armadico.mobile.messages import Echo, MissionStatus, Pose, Scan, Sonar, Trajectory
+from armadico.mobile.messages import (
+    Echo,
+    MissionStatus,
+    Pose,
+    Scan,
+    Sonar,
+    Trajectory,
+    Truth,
+)
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.route import Route
 from armadico.mobile.scans import Floats, points_of
@@ -483,11 +491,18 @@ class Brakes(Rule):
 
     promise = Promise.BRAKES
     needs = (RobotState, Description)
+    sees = (Truth,)
 
     def __init__(self) -> None:
         super().__init__()
         self._follows = Follows()
+        self._contacts = 0
         self._slowed: deque[tuple[float, float]] = deque(maxlen=BRAKINGS)  # and what was due, m/s
+
+    def on_truth(self, truth: Truth, _: Scene) -> Iterator[Finding]:
+        if truth.collisions > self._contacts:  # a push turns the wheels, also that of a person
+            self._contacts, self._follows = truth.collisions, Follows()
+        yield from ()
 
     def on_robot_state(self, state: RobotState, now: Scene) -> Iterator[Finding]:
         if now.description is None:

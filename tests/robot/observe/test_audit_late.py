@@ -292,3 +292,13 @@ def test_readings_of_before_a_restart_are_not_of_another_place() -> None:
             for message in (state, Sonar(cycle, 5.0, echoes)):
                 auditor.update(epoch + 0.1 * number, "", message)
     assert auditor.findings == []
+
+
+@pytest.mark.parametrize("pushed", [False, True])
+def test_a_push_turns_the_wheels_of_a_base_that_brakes(pushed: bool) -> None:
+    drive = Drive().go(2)
+    for step in range(4):
+        drive.go(0.1, ordered=0.0, v=0.69 - 0.06 * step)
+    drive.contacts += pushed
+    drive.go(0.5, v=0.4)
+    assert (Promise.BRAKES in {promise for promise, _ in drive.found}) is not pushed
