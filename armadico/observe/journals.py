@@ -97,6 +97,8 @@ class Head(Struct, frozen=True, kw_only=True):
     files: dict[str, str]  # hashes of the files that its parameters name, by parameter
     commit: str  # of the code that it ran
     source: str  # hash of that code
+    table: str = ""  # the digests in its card, of its host table and its map
+    map: str = ""
 
 
 def head(agent: Agent) -> bytes:
@@ -112,6 +114,8 @@ def head(agent: Agent) -> bytes:
             instance=agent.instance,
             host=identity.host,
             pid=identity.pid,
+            table=identity.table,
+            map=identity.map,
             version=identity.version,
             kind=f"{kind.__module__}:{kind.__qualname__}",
             parameters=msgspec.to_builtins(agent.p),

@@ -116,7 +116,7 @@ class Life:
         parameters = _parameters(head, kind, self.sets)
         self.notes = tuple(_notes(head, kind, self.sets))
         who = head.instance, head.host, head.pid, head.version, _stream(head)
-        identity = Identity(*who, protocol=head.protocol)
+        identity = Identity(*who, head.table, head.map, protocol=head.protocol)
         self.agent = kind(identity, parameters)
 
     def moments(self) -> Iterator[Moment]:
