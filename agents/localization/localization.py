@@ -56,9 +56,8 @@ Odds = Annotated[float, Meta(ge=0, le=1000)]
 """Natural logarithm of an odds ratio."""
 
 
-LARGE, MANY = 250_000, 250
-"""Maps with more cells or walls than these have their sensor model cached: computing it takes over
-0.2 s."""
+LARGE = 250_000
+"""Maps with more cells than this have their sensor model cached: computing it takes over 0.2 s."""
 
 UNCOUNTED_M, UNCOUNTED_RAD = 0.5, 0.5
 """Standard deviations of the motion that no process counted: 2 s until the controller's watchdog
@@ -970,7 +969,7 @@ _small_model = lru_cache(maxsize=2)(SonarModel)
 
 def sonar_model(grid: Grid, cone_rad: float, reach_m: float) -> SonarModel:
     """The measurement model for sonars. For a large map its fields are cached on disk."""
-    if grid.clearance.size < LARGE and len(grid.walls) < MANY:
+    if grid.clearance.size < LARGE:
         return _small_model(grid, cone_rad, reach_m)
 
     def make() -> Arrays:

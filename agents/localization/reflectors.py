@@ -35,8 +35,8 @@ TILE_CELLS: Final = 8
 """Side of the square of cells that are computed together."""
 
 BATCH: Final = 512
-"""Cells whose likely reflectors are computed at a time, and points whose walls before them are: the
-arrays written to stay in the processor's cache."""
+"""Cells whose likely reflectors are computed at a time: the arrays written to stay in the
+processor's cache."""
 
 MARGIN_M: Final = 1.0
 """Margin of cells beyond the map's bounds: a robot may be a little off its map."""
@@ -69,14 +69,9 @@ OUTER: Final = radians(200.0)
 SEEN_M: Final = 0.2
 """A reflector is in sight up to this distance behind the first surface: cells are coarse."""
 
-SEEN_SHARE, TRACED_M = pi / HEADINGS, 0.1
-"""The same for far corners, as a share of the distance and an offset: in the two headings beside a
-right-angled corner the walls are nearer by at most this share, and a ray ends up to two cells of
-the grid before a wall."""
-
-
-WALL_SLACK_M: Final = 0.5 * CELL_M
-"""A wall's foot is on it up to this distance beyond its end: cells are coarse."""
+SEEN_SHARE: Final = pi / HEADINGS
+"""The same, as a share of its distance: in the two headings beside a right-angled corner the walls
+are nearer by at most this share."""
 
 
 class Reflectors(NamedTuple):
@@ -187,8 +182,7 @@ def reception(
     for begin in range(0, count, BATCH):
         part = slice(begin, begin + BATCH)
         rows = table[begin * HEADINGS : (begin + BATCH) * HEADINGS]
-        of_part = _Nearest(near.which[part], near.distances[part], near.bearings[part])
-        _fill_table(reflectors, of_part, reach_m, rows)
+        _fill_table(reflectors, near.which[part], near.distances[part], near.bearings[part], rows)
         walls = beside(np.minimum, square[part], round(0.5 * cone_rad / (tau / HEADINGS)))
         rows["wall_mm"][: walls.size] = np.rint(1e3 * walls).ravel()
     table["wall_mm"][-HEADINGS:] = np.rint(1e3 * np.float32(reach_m))
@@ -219,7 +213,8 @@ def _nearest(
     )
     end_x = reflectors.x + reflectors.along_x * reflectors.length
     end_y = reflectors.y + reflectors.along_y * reflectors.length
-    longer = reflectors._replace(length=reflectors.length + np.float32(WALL_SLACK_M))
+    slack = np.float32(0.5 * CELL_M)
+    longer = reflectors._replace(length=reflectors.length + slack)
     columns = np.stack(longer).astype(np.float64)  # the precision of what is computed from them
     west, east = np.sort([reflectors.x, end_x], axis=0).astype(np.float64)
     south, north = np.sort([reflectors.y, end_y], axis=0).astype(np.float64)
@@ -289,71 +284,34 @@ def _seen(
         np.intp
     )  # -1 is the last heading
     hides = sight[place, heading]
-    corner = np.float32(SEEN_SHARE) * distance + np.float32(TRACED_M)
-    seen = distance < hides + np.maximum(np.float32(SEEN_M), corner)
+    seen = distance < hides + np.maximum(np.float32(SEEN_M), np.float32(SEEN_SHARE) * distance)
     seen &= distance < far
     turned = bearing + np.float32(pi) - r.bearing.take(one)
     turned += np.float32(tau) * (turned < 0.0)
     seen &= turned < r.width.take(one)
-    points = np.flatnonzero(seen & (r.length.take(one) <= WALL_SLACK_M))
-    at_x, at_y = x[place[points], 0], y[place[points], 0]
-    seen[points] = _in_sight(r, at_x, at_y, to_x[points], to_y[points])
     distances, bearings = np.full_like(foot, np.inf), np.zeros_like(foot)
     np.put(distances, pairs, np.where(seen, distance, np.inf))
     np.put(bearings, pairs, bearing)
     return distances, bearings
 
 
-def _in_sight(
-    r: Reflectors, x: Floats, y: Floats, far_x: NDArray[np.float64], far_y: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    """Whether no wall is between places and points `far_x`, `far_y` (m) from them, (pairs,)."""
-    walls = np.flatnonzero(r.length > WALL_SLACK_M)
-    begin_x, begin_y, length = r.x[walls], r.y[walls], r.length[walls] - WALL_SLACK_M
-    end_x, end_y = begin_x + r.along_x[walls] * length, begin_y + r.along_y[walls] * length
-    west, east = np.minimum(begin_x, end_x) - JOINT_M, np.maximum(begin_x, end_x) + JOINT_M
-    south, north = np.minimum(begin_y, end_y) - JOINT_M, np.maximum(begin_y, end_y) + JOINT_M
-    seen = np.ones(len(x), dtype=np.bool_)
-    order = np.argsort(np.arctan2(far_y, far_x))  # in a batch of near bearings few walls matter
-    for first in range(0, len(order), BATCH):
-        part = order[first : first + BATCH]
-        px, py, dx, dy = x[part], y[part], far_x[part], far_y[part]
-        xs, ys = np.concatenate([px, px + dx]), np.concatenate([py, py + dy])
-        near = np.flatnonzero(
-            (west < xs.max()) & (east > xs.min()) & (south < ys.max()) & (north > ys.min())
-        )
-        ax, ay, bx, by = begin_x[near], begin_y[near], end_x[near], end_y[near]
-        lines = np.column_stack([dx, dy, dy * px - dx * py])
-        ones = np.ones_like(ax)
-        begins = lines @ np.stack([ay, -ax, ones])  # (pairs, walls): on which side of the line
-        ends = lines @ np.stack([by, -bx, ones])
-        pair, one = np.nonzero(begins * ends <= 0.0)
-        # Where on the line to the point the wall is; its own walls end there.
-        before, after = begins[pair, one], ends[pair, one]
-        share = before / np.where(before == after, 1.0, before - after)  # 0: along the wall
-        at_x = ax[one] + share * (bx - ax)[one] - px[pair]
-        at_y = ay[one] + share * (by - ay)[one] - py[pair]
-        away = np.hypot(dx, dy)
-        way = (at_x * dx[pair] + at_y * dy[pair]) / away[pair]
-        seen[part[pair[(way > 0.0) & (way < away[pair] - JOINT_M)]]] = False
-    return seen
-
-
 def _fill_table(
-    reflectors: Reflectors, near: _Nearest, reach_m: float, table: NDArray[np.void]
+    reflectors: Reflectors,
+    which: NDArray[np.int32],
+    distances: Floats,
+    bearings: Floats,
+    table: NDArray[np.void],
 ) -> None:
     """Fill in the likeliest reflectors, nearest first: a reflector hides those behind it.
 
-    `near` are those in sight of each cell, padded with the silent one at distance 0. At `reach_m`
-    half of a cell is near enough for an echo. The table gets a `ROW` for each cell and heading.
+    `which` (cells, NEAREST) are those in sight of each cell, padded with the silent one, at their
+    distances (m) and bearings (rad). The table gets a `ROW` for each cell and heading.
     """
-    which, distances, bearings = near.which.T, near.distances.T, near.bearings.T
+    which, distances, bearings = which.T, distances.T, bearings.T
     cells = which.shape[1]
     answers = reflectors.chance[which] * np.minimum(
         1.0, reflectors.fades_m[which] / np.maximum(distances, np.float32(0.01))
     )
-    within = (np.float32(reach_m) - distances) / np.float32(CELL_M) + np.float32(0.5)
-    answers *= np.minimum(np.maximum(within, np.float32(0.0)), np.float32(1.0))
     middle = np.rint(bearings * np.float32(HEADINGS / tau)).astype(np.int32)
     around = np.arange(-AROUND, AROUND + 1, dtype=np.int32)
     off = (bearings - middle * np.float32(tau / HEADINGS))[:, :, None]

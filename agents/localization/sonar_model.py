@@ -33,7 +33,7 @@ from armadico.agents.localization.reflectors import (
 from armadico.agents.methods.grid import Grid
 from armadico.mobile.messages import Echo
 
-FORMAT: Final = 5
+FORMAT: Final = 3
 """Version of `Fields` and their computation: cached fields of another version are not used."""
 
 Poses = NDArray[np.float32]

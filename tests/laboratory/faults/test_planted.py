@@ -431,7 +431,7 @@ BUGS = (
             ("biased", Promise.SENSORS, "sc4"),
             ("slow-brake", Promise.BRAKES, "sc1"),
             ("lies", Promise.HONEST, "sc4"),
-            ("no-reflex", Promise.COLLISION, "sc4"),
+            ("no-reflex", Promise.COLLISION, "sc3"),
             ("late", Promise.ORDERED, "sc1"),
             ("jumps", Promise.POSE, "sc1"),
             ("scaled", Promise.ODOMETRY, "sc3"),
