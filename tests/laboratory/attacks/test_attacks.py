@@ -14,7 +14,7 @@ from armadico.cli.options import FAILED, UNKNOWN, UsageError
 from armadico_tools.attacks import running
 from armadico_tools.attacks.attempts import ATTEMPTS, Known
 from armadico_tools.attacks.peer import Peer
-from armadico_tools.attacks.running import Outcome, linked
+from armadico_tools.attacks.running import TRIES, Outcome, link, linked
 from armadico_tools.attacks.strangers import member, strangers
 from armadico_tools.attacks.victim import Drive, Victim
 from armadico_tools.commands import attacks
@@ -124,9 +124,11 @@ def test_with_keys_no_stranger_gets_a_link_and_a_member_does_until_it_is_revoked
     closed: Victim,
 ) -> None:
     goto = member(closed, "goto")
-    assert linked(closed, goto)
+    assert linked(closed, goto, TRIES)
     assert not [who.name for who in strangers(closed) if linked(closed, who)]
-    with Peer(closed.namespace, goto.endpoint, goto.settings) as peer:
+    peer = link(closed, goto.endpoint, goto.settings)
+    assert peer is not None, "a member gets no link"
+    with peer:
         closed.call("", "armadico", "keys", "revoke", "goto", *closed.joining(""))
         assert closed.viewer.wait_for(lambda: not peer.is_linked, 40.0)
     assert not linked(closed, goto)
@@ -140,7 +142,9 @@ def test_with_keys_a_fallen_member_can_do_nothing_in_anothers_name(
 ) -> None:
     closed.known.me = "sonar"
     sonar = member(closed, "sonar")
-    with Peer(closed.namespace, sonar.endpoint, sonar.settings) as peer:
+    peer = link(closed, sonar.endpoint, sonar.settings)
+    assert peer is not None, "a member gets no link"
+    with peer:
         assert closed.attacked(ATTEMPTS[name], peer, 3.0) == []
 
 

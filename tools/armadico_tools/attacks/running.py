@@ -77,20 +77,32 @@ def _record(victim: Victim, report: Report) -> None:
 def _links(victim: Victim) -> Iterator[Outcome]:
     from armadico_tools.attacks.strangers import member, strangers
 
-    if not linked(victim, member(victim, "goto")):
+    if not linked(victim, member(victim, "goto"), TRIES):
         raise PlaceError("the rightful member goto gets no link, so a stranger proves nothing")
     for stranger in strangers(victim):
         yield Outcome(stranger.name, True, "link", linked(victim, stranger))
 
 
-def linked(victim: Victim, who: Stranger) -> bool:
+def link(
+    namespace: str, endpoint: str, settings: Mapping[str, object], tries: int = TRIES
+) -> Peer | None:
+    """Return a link as a peer, or None if each try failed."""
+    for _ in range(tries):
+        with suppress(zenoh.ZError):
+            return Peer(namespace, endpoint, settings)
+    return None
+
+
+def linked(victim: Victim, who: Stranger, tries: int = 1) -> bool:
     """Whether a peer gets a link that lasts: TLS 1.3 refuses a client after its first bytes."""
-    try:
-        with Peer(victim.namespace, who.endpoint, who.settings) as peer:
-            victim.settle()
-            return bool(peer.tokens("**")) or peer.is_linked
-    except zenoh.ZError:
+    peer = link(victim.namespace, who.endpoint, who.settings, tries)
+    if peer is None:
         return False
+    with peer:
+        victim.settle()
+        with suppress(zenoh.ZError):
+            return bool(peer.tokens("**")) or peer.is_linked
+    return False
 
 
 def _attacks(
@@ -105,11 +117,7 @@ def _attacks(
         victim.known.me = name
     who = name or "a stranger"
     for attempt in chosen:
-        peer = None
-        for _ in range(TRIES if name else 1):
-            with suppress(zenoh.ZError):
-                peer = Peer(victim.namespace, victim.endpoint, settings)
-                break
+        peer = link(victim.namespace, victim.endpoint, settings, TRIES if name else 1)
         if peer is None:
             yield Outcome(who, not name, attempt.name, False)
             continue
