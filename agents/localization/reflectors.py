@@ -69,9 +69,10 @@ OUTER: Final = radians(200.0)
 SEEN_M: Final = 0.2
 """A reflector is in sight up to this distance behind the first surface: cells are coarse."""
 
-SEEN_SHARE: Final = pi / HEADINGS
-"""The same, as a share of its distance: in the two headings beside a right-angled corner the walls
-are nearer by at most this share."""
+SEEN_SHARE, TRACED_M = pi / HEADINGS, 0.1
+"""The same for far corners, as a share of the distance and a rest: in the two headings beside a
+right-angled corner the walls are nearer by at most this share, and a ray ends up to two cells of
+the grid before a wall."""
 
 
 class Reflectors(NamedTuple):
@@ -284,7 +285,8 @@ def _seen(
         np.intp
     )  # -1 is the last heading
     hides = sight[place, heading]
-    seen = distance < hides + np.maximum(np.float32(SEEN_M), np.float32(SEEN_SHARE) * distance)
+    corner = np.float32(SEEN_SHARE) * distance + np.float32(TRACED_M)
+    seen = distance < hides + np.maximum(np.float32(SEEN_M), corner)
     seen &= distance < far
     turned = bearing + np.float32(pi) - r.bearing.take(one)
     turned += np.float32(tau) * (turned < 0.0)

@@ -33,7 +33,7 @@ from armadico.agents.localization.reflectors import (
 from armadico.agents.methods.grid import Grid
 from armadico.mobile.messages import Echo
 
-FORMAT: Final = 3
+FORMAT: Final = 4
 """Version of `Fields` and their computation: cached fields of another version are not used."""
 
 Poses = NDArray[np.float32]

@@ -161,6 +161,24 @@ def test_a_corner_answers_where_it_is(range_m: float, received: bool) -> None:
     assert (one((6.0 - away, away, radians(-45.0)), 1.0) > 0.5) == received
 
 
+def test_from_everywhere_in_a_room_its_corners_answer() -> None:
+    """In a symmetric room the corner that did not answer made the other half of the room fit."""
+    corners = np.array([(0.0, 0.0), (4.6, 0.0), (4.6, 3.0), (0.0, 3.0)])
+    sides = np.concatenate([corners, np.roll(corners, -1, axis=0)], axis=1)
+    model = SonarModel(Grid(sides, (0.0, 0.0, 4.6, 3.0)))
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(0.3, 4.4, 0.1), np.arange(0.3, 2.8, 0.1)))
+    for corner in corners:
+        away = corner - np.column_stack([x, y])
+        far, heading = np.hypot(*away.T), np.arctan2(away[:, 1], away[:, 0])
+        poses = np.column_stack([x, y, heading]).astype(np.float32)
+        heard = [
+            float(model.likelihood(pose[None], [Echo(0.0, 0.0, 0.0, float(range_m))])[0, 0])
+            for pose, range_m in zip(poses, far, strict=True)
+            if 1.0 < range_m < 4.8
+        ]
+        assert min(heard) > 0.2  # beside another reflector 0.25, as if there were none 0.07
+
+
 @pytest.mark.parametrize("y", [3.85, 3.7, 3.6])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_in_a_doorway_the_far_corners_of_the_room_answer(y: float, side: float) -> None:
