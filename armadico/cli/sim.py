@@ -387,10 +387,16 @@ def _in_network(args: Options, name: str, stack: ExitStack) -> Line:
 def _run(served: Sequence[tuple[SimulatedRobot, Line]]) -> None:
     """Serve until interrupted: the first robot in this thread, the others in threads."""
     from armadico.bridge.simulator.server import Pace, Simulation
+    from armadico.runtime.process import arm_deadline
 
     ended = threading.Event()
+
+    def leave(*_: object) -> None:
+        arm_deadline()  # a mesh whose router has just been killed may hang while it is closed
+        ended.set()
+
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
+        signal.signal(number, leave)
     pace, turn = Pace(), threading.Lock() if len(served) > 1 else None
     first, *others = (Simulation(robot, line, pace=pace, turn=turn) for robot, line in served)
     threads = [threading.Thread(target=other.run, args=(ended.is_set,)) for other in others]

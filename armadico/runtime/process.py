@@ -564,7 +564,7 @@ def serve(
         else:
             logger.exception("%s failed", ", ".join(agent.instance for agent in agents))
         code = 1
-    _arm_deadline()
+    arm_deadline()
     with contextlib.suppress(Exception):
         host.leave()
     if not mesh.close():
@@ -632,13 +632,13 @@ def _await_signal(leave: Callable[[], None]) -> None:
 
     def wait() -> None:
         signal.sigwait(ending)
-        _arm_deadline()
+        arm_deadline()
         leave()
 
     threading.Thread(target=wait, name="signals", daemon=True).start()
 
 
-def _arm_deadline() -> None:
+def arm_deadline() -> None:
     """Start the timer that kills this process after `LEAVE_S`, unless it runs already."""
     if signal.getitimer(signal.ITIMER_REAL)[0] == 0.0:
         signal.setitimer(signal.ITIMER_REAL, LEAVE_S)
