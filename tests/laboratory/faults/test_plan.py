@@ -23,7 +23,7 @@ from armadico_tools.faults.plan import (
     swarm,
 )
 from armadico_tools.faults.shrink import AFTER_S, NOISE, Shrinker
-from armadico_tools.faults.workload import case_of
+from armadico_tools.faults.variants import case_of
 
 
 @given(st.integers(0, 2**32), st.floats(10.0, 300.0))

@@ -33,7 +33,8 @@ from armadico_tools.faults.plan import AGENTS, Case, Fault, Outcome, Variation
 from armadico_tools.faults.planted import DEFECTS
 from armadico_tools.faults.series import smallest
 from armadico_tools.faults.shrink import AFTER_S
-from armadico_tools.faults.workload import case_of, run, when_broken
+from armadico_tools.faults.variants import case_of
+from armadico_tools.faults.workload import run, when_broken
 from tests.once import Once
 
 Plant = Callable[[pytest.MonkeyPatch], None]

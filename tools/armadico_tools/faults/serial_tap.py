@@ -68,7 +68,6 @@ class Tap:
         self,
         upstream: str,
         written: Callable[[bytes, float], None] = lambda *_: None,
-        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Connect to a simulator's URL; `written` receives what the agent writes, with the time.
 
@@ -77,7 +76,7 @@ class Tap:
         address, _, port = upstream.removeprefix("tcp://").rpartition(":")
         self._upstream = (address, int(port))
         self.packets: list[Packet] = []
-        self._written, self._clock = written, clock
+        self._written = written
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._client: socket.socket | None = None
         self._robot: socket.socket | None = None
@@ -135,7 +134,7 @@ class Tap:
             client.close()
             self._client = None
             return
-        self._written(data, self._clock())
+        self._written(data, time.monotonic())
         self.packets += [decode_command(payload) for payload in self._sent.feed(data)]
         _send(self._robot, data)
 
