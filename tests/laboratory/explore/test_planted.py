@@ -82,7 +82,6 @@ class LastHeard(Contender):
         super().__init__(*args, **more, compare=by_newest)
 
 
-AFTER = Setup(("0.6",), kinds=("fates", "bids"), changes=("-",))
 SAFETY = [
     (
         Setup(("0.5", "0.6"), kinds=("fates",)),
