@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from hashlib import sha256
 from inspect import getfile
 from pathlib import Path
-from typing import Generic, TextIO, TypeVar, get_type_hints
+from typing import Generic, TypeVar, get_type_hints
 
 import msgspec
 from msgspec import Struct
@@ -170,13 +170,9 @@ class Kept(Generic[T]):
 def write_csv(path: Path, header: Sequence[str], rows: Iterable[Iterable[object]]) -> None:
     """Write a CSV file whose bytes depend on the numbers only."""
     with path.open("w", newline="", encoding="utf-8") as file:
-        _write(file, header, rows)
-
-
-def _write(file: TextIO, header: Sequence[str], rows: Iterable[Iterable[object]]) -> None:
-    writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(map(plain, row) for row in rows)
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(map(plain, row) for row in rows)
 
 
 def write_json(path: Path, about: object) -> None:

@@ -40,6 +40,7 @@ def bids(made: Drive, utility: float | None, reason: str = "", lacks: str = "") 
 def only(made: Drive) -> Pause:
     (pause,) = made.pauses(0.0, (GOES_ON + 5) * PERIOD)
     assert pause.seconds == pytest.approx((GOES_ON - PAUSES_FROM + 1) * PERIOD)
+    assert made.paused(pause.begin + PERIOD, pause.end) == pytest.approx(pause.seconds)
     return pause
 
 

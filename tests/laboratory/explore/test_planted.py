@@ -18,7 +18,7 @@ from armadico_tools.explore.world import Parts, Setup
 
 def first(setup: Setup, parts: Parts | None = None, faults: int = 1) -> Counterexample:
     """The shortest counterexample."""
-    found = Search(setup, Limits(faults, states=60_000, patience=12), parts).run()
+    found = Search(setup, Limits(faults), parts).run()
     assert found.broken, "it was not found"
     return found.broken[0]
 
@@ -82,7 +82,6 @@ class LastHeard(Contender):
         super().__init__(*args, **more, compare=by_newest)
 
 
-AFTER = Setup(("0.6",), kinds=("fates", "bids"), changes=("-",))
 SAFETY = [
     (
         Setup(("0.5", "0.6"), kinds=("fates",)),
@@ -151,10 +150,6 @@ def transitions(monkeypatch: pytest.MonkeyPatch, state: State, event: Event, to:
     monkeypatch.setattr(coordination, "TRANSITIONS", table)
 
 
-def never_yields(monkeypatch: pytest.MonkeyPatch) -> None:
-    transitions(monkeypatch, State.HOLDING, Event.OUTBID, None)
-
-
 def takes_over_from_the_unobeyed_never(monkeypatch: pytest.MonkeyPatch) -> None:
     transitions(monkeypatch, State.CONTENDING, Event.UNOBEYED, None)
 
@@ -176,7 +171,7 @@ def goes_on_unobeyed(monkeypatch: pytest.MonkeyPatch) -> None:
         (rests_for_ever, Setup(("0.6", "-"), kinds=("cut",), lasts=(8,))),
     ],
 )
-def test_a_line_of_the_table_that_is_missing_is_found(
+def test_a_line_of_the_table_that_is_missing_is_found_and_breaks_its_promise_until_it_is_back(
     plant: Callable[[pytest.MonkeyPatch], None],
     setup: Setup,
     monkeypatch: pytest.MonkeyPatch,
@@ -185,17 +180,7 @@ def test_a_line_of_the_table_that_is_missing_is_found(
     found = first(setup)
     assert found.run.cost <= 1
     assert found.run.cycles <= 80
-    assert replay(found.run)
-    monkeypatch.undo()
-    assert replay(found.run) == []
-
-
-def test_a_printed_counterexample_breaks_its_promise_until_the_bug_is_mended(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    never_yields(monkeypatch)
-    found = first(Setup(("0.6", "0.5"), kinds=("bids",)))
-    run = eval(repr(found.run), {"Run": Run, "Setup": Setup})
+    run = eval(repr(found.run), {"Run": Run, "Setup": Setup})  # as it is printed
     assert run == found.run
     assert replay(run)
     monkeypatch.undo()

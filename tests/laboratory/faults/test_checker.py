@@ -144,19 +144,7 @@ def wants(utility: float | None, reason: str = "leg 1") -> BidRecord:
     return BidRecord(Cycle(1, 1), "wheels", utility, False, (), reason)
 
 
-def test_an_ordinary_drive_breaks_nothing(story: Story) -> None:
-    story.cycles(100)
-    assert story.broken() == []
-
-
 # One driver ---------------------------------------------------------------------------------------
-
-
-def test_an_obeyed_ballot_that_goes_down_is_seen_in_the_ack(story: Story) -> None:
-    story.cycles(10)
-    story.ballot = ballot(2)
-    story.cycles(1)
-    assert Promise.ONE_DRIVER in story.broken()
 
 
 def test_one_that_goes_down_and_up_between_two_cycles_is_seen_where_obeying_is(
@@ -190,14 +178,6 @@ def test_a_robot_agent_that_obeys_what_waited_while_it_hung_is_seen(story: Story
     story.now += 1.0
     story.see(Faulted(story.now, "hang", ("robot",), began=False))
     story.see(Obeyed(story.now, ballot(3), story.cycle))
-    assert Promise.FRESH in story.broken()
-
-
-def test_the_acks_alone_shows_late_obedience_too(story: Story) -> None:
-    story.cycles(10)
-    story.obeyed_age = 5
-    story.number += 2
-    story.cycles(1)
     assert Promise.FRESH in story.broken()
 
 

@@ -14,7 +14,8 @@ from armadico.launch.virtual_session import VirtualSession
 from armadico.watch.assistant.assistant import Assistant
 from armadico.watch.assistant.messages import AssistantRecord, AssistantReply, AssistantRequest
 from armadico.watch.assistant.tools import TOOLS
-from armadico_tools.faults.workload import Workload, case_of
+from armadico_tools.faults.variants import case_of
+from armadico_tools.faults.workload import Workload
 
 EVERY_S = 0.001
 RELEASED_S = 1.0

@@ -27,7 +27,8 @@ from armadico_tools.faults.fault_types import KINDS
 from armadico_tools.faults.plan import Case, Fault
 from armadico_tools.faults.sightings import Sight
 from armadico_tools.faults.stranger import BEYOND, FLOOD, INSTANCE, MOST_POINTS, RATCHET
-from armadico_tools.faults.workload import End, Workload, case_of
+from armadico_tools.faults.variants import case_of
+from armadico_tools.faults.workload import End, Workload
 
 ALL = ("robot", "encoder", "sonar", "goto", "avoid", "gothrough", "path-planning", "interface")
 

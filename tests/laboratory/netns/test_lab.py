@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from armadico.core.messages import Ack
 from armadico.mesh.door import VIEWER
-from armadico_tools.attacks.lab import DESK, FLOODS, LAB, ROBOT, Lab, Obeyed, flooding, killed
+from armadico_tools.attacks.lab import DESK, FLOODS, LAB, ROBOT, Lab, flooding, killed
+from armadico_tools.attacks.pauses import Drive
 
 pytestmark = [pytest.mark.live, pytest.mark.long]
 
@@ -29,7 +31,8 @@ def test_three_computers_with_keys_drive_and_heal_while_a_stranger_floods_the_po
         lab.up(host)
     lab.wait_for_keys()
     with lab.client(VIEWER) as client:
-        drive = Obeyed(client)
+        drive = Drive()
+        client.listen(Ack, then=drive.update)
         names = {"robot", "encoder", "goto", "avoid", "interface"}
         lab.until(client, lambda: {n for n, _ in client.alive} >= names, "the society")
         assert "stopped" in lab.call(DESK, "armadico", "stop")

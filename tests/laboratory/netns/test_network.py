@@ -11,6 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from armadico.mesh.link_faults import LinkFaults
 from armadico_tools.hosts.namespaces import Host, Network
 
 ADDRESSES = {"left": "10.77.1.1", "right": "10.77.1.2"}
@@ -70,7 +71,7 @@ def test_hosts_reach_each_other_and_nothing_else(
 def test_a_cut_loses_what_is_sent_one_way_and_not_the_other(
     network: Network, ends: dict[str, socket.socket]
 ) -> None:
-    network.change(lambda switch: switch.cut([("left", "right")]))
+    network.change(lambda switch: switch.set([("left", "right")], LinkFaults(cut=True)))
     ends["left"].sendto(b"lost", (ADDRESSES["right"], PORT))
     ends["right"].sendto(b"there", (ADDRESSES["left"], PORT))
     assert ends["left"].recv(64) == b"there"

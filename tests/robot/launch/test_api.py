@@ -187,7 +187,11 @@ def test_progress_is_told_while_it_runs() -> None:
         ({"scenario": "sc11"}, armadico.ConfigError, "'sc1'"),
         ({"profile": "amigobo"}, armadico.ConfigError, "'amigobot'"),
         ({"without": ["gotho"]}, armadico.UnknownNameError, "'goto'"),
-        ({"without": ["encoder"]}, armadico.MissionRefusedError, "encoder/pose"),
+        (
+            {"without": ["encoder"]},
+            armadico.MissionRefusedError,
+            "^the mission was refused: .*encoder/pose",
+        ),
         ({"namespace": "robot2"}, ValueError, "namespace"),
     ],
 )
@@ -196,13 +200,6 @@ def test_what_cannot_be_driven_is_an_error_of_its_kind(
 ) -> None:
     with pytest.raises(error, match=says):
         armadico.run(**{"scenario": "sc1", "virtual": True} | wrong)  # type: ignore[arg-type]
-
-
-def test_a_refusal_has_the_interface_agents_own_words() -> None:
-    with pytest.raises(armadico.SocietyError) as caught:
-        armadico.run("sc1", virtual=True, without=["encoder"])
-    assert isinstance(caught.value, armadico.MissionRefusedError)
-    assert str(caught.value) == f"the mission was refused: {caught.value.reason}"
 
 
 @pytest.mark.parametrize(

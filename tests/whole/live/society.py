@@ -17,10 +17,9 @@ from armadico.launch.society import Member, Options
 from armadico.mesh.base import Mesh
 from armadico.mesh.sockets import RUNTIME_VARIABLE
 from armadico.mesh.zenoh import ZenohMesh
-from armadico_tools.faults.serial_tap import Tap
 from armadico_tools.testbed import joining_onlooker, onlooker
 from tests.robot.society import SOON, Observer
-from tests.whole.live.speeds import moves
+from tests.whole.live.speeds import PacketTap, moves
 
 LINE = ideal(Scenario(name="line", world="sc1", start=(-1.5, 0.0, 0.0), goal=(6.5, 0.0, 0.0)))
 """8 m straight on, nothing in the way: goto alone has anything to do."""
@@ -40,7 +39,7 @@ class Linked(ProcessTable):
 class Tapped(Launcher):
     """A launcher that puts a tap between the robot agent and its simulator."""
 
-    tap: Tap | None = None
+    tap: PacketTap | None = None
 
     def __init__(self, scenario: Scenario, options: Options, mesh: Mesh, namespace: str) -> None:
         super().__init__(scenario, options, mesh, namespace)
@@ -48,7 +47,7 @@ class Tapped(Launcher):
 
     def start_simulator(self, port: int = 0) -> str:
         url = super().start_simulator(port)
-        self.tap = self.tap or Tap(url)
+        self.tap = self.tap or PacketTap(url)
         return self.tap.url
 
     def stop(self) -> None:
@@ -67,7 +66,7 @@ class Society(Observer):
         self.launcher = launcher
 
     @property
-    def tap(self) -> Tap:
+    def tap(self) -> PacketTap:
         assert self.launcher.tap is not None, "the simulator was started"
         return self.launcher.tap
 

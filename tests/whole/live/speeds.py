@@ -2,8 +2,41 @@
 
 from __future__ import annotations
 
-from armadico.bridge.p2os.commands import Cmd, Command
-from armadico_tools.faults.serial_tap import Packet, Status
+from dataclasses import dataclass
+
+from armadico.bridge.p2os.commands import Cmd, Command, decode_command
+from armadico.bridge.p2os.packets import Decoder
+from armadico.bridge.p2os.status import STATUS_TYPES
+from armadico_tools.faults.serial_tap import Tap
+
+
+@dataclass(frozen=True)
+class Status:
+    """A status packet."""
+
+
+Packet = Command | Status
+
+
+class PacketTap(Tap):
+    """A tap whose `packets` are what passed, both ways, in order."""
+
+    def __init__(self, upstream: str) -> None:
+        self.packets: list[Packet] = []
+        sent, received = Decoder(), Decoder()
+
+        def written(data: bytes, at: float) -> None:
+            self.packets += [decode_command(payload) for payload in sent.feed(data, at)]
+
+        def answered(data: bytes, at: float) -> None:
+            payloads = received.feed(data, at)
+            self.packets += [Status() for payload in payloads if payload[0] in STATUS_TYPES]
+
+        super().__init__(upstream, written, answered)
+
+    def commands(self, since: int = 0) -> list[Command]:
+        """The robot agent's commands from a position in `packets` on."""
+        return [packet for packet in self.packets[since:] if isinstance(packet, Command)]
 
 
 def moves(command: Command) -> bool:

@@ -1,6 +1,11 @@
-"""Promises 1, 3 and 4 with real processes: any agent may be killed, one after another."""
+"""Promises 1 to 4 with real processes: any agent may be killed or hang, one after another.
+
+A hung process keeps its sockets, and for a while its token; on waking it has a burst to read.
+"""
 
 from __future__ import annotations
+
+from signal import SIGCONT, SIGSTOP
 
 import pytest
 
@@ -15,16 +20,25 @@ MOST_STATUSES = 8
 
 
 @pytest.mark.long
-def test_without_the_driver_fresh_obstacles_or_a_pose_a_stop_is_ordered(start: Start) -> None:
-    """And who is started again takes its place."""
+@pytest.mark.parametrize("hangs", [False, True], ids=["killed", "hung"])
+def test_without_the_driver_fresh_obstacles_or_a_pose_a_stop_is_ordered_until_they_are_back(
+    start: Start, hangs: bool
+) -> None:
     society = start()
     for name in ("goto", "sonar", "encoder"):
         mark = len(society.tap.packets)
-        society.kill(name)
+        if hangs:
+            society.send(name, SIGSTOP)
+        else:
+            society.kill(name)
         society.stops(mark)
-        society.nobody_drives()
         assert statuses_until_stop(society.tap.packets) <= MOST_STATUSES, name
-        society.nobody_else_died(name)
-        society.restart(name)
+        society.nobody_drives()
+        if hangs:
+            society.send(name, SIGCONT)
+        else:
+            society.nobody_else_died(name)
+            society.restart(name)
         society.drives_on()
+    society.nobody_else_died()
     ballots_never_go_down(society.acks)

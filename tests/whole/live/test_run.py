@@ -25,12 +25,11 @@ from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.observe.measures import Result, RunWatch
 from armadico.runtime.errors import RunFailedError
-from armadico_tools.faults.serial_tap import Tap
 from tests.programs import Start, starter
 from tests.robot.society import SOON, Observer, mesh_of
 from tests.whole.live.conftest import NAMESPACE
 from tests.whole.live.society import LINE, Society, joining_observer
-from tests.whole.live.speeds import moves
+from tests.whole.live.speeds import PacketTap, moves
 
 pytestmark = pytest.mark.live
 
@@ -110,7 +109,7 @@ def test_a_run_that_is_interrupted_leaves_the_robot_at_rest_and_nothing_running(
     there = ("--port", "0", "--start", "-1.5", "0", "0", *joining_observer(NAMESPACE))
     simulator = run("sim", "sc1", *there)
     assert simulator.stdout is not None
-    tap = Tap(simulator.stdout.readline().partition(" at ")[2].partition(";")[0])
+    tap = PacketTap(simulator.stdout.readline().partition(" at ")[2].partition(";")[0])
     try:
         process = run("run", "sc1", "--no-plot", "--robot", tap.url, "--start", "-1.5", "0", "0")
         observer.until(observer.driving, "the robot is on its way")

@@ -13,18 +13,17 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from armadico.config.endpoints import endpoints
 from armadico.config.hosts import load_hosts
-from armadico.core.messages import Ack, Card, Cycle, Message
-from armadico.core.resources import WHEELS
+from armadico.core.messages import Ack, Card
 from armadico.launch.client import Client
 from armadico.launch.processes import kill_trees
 from armadico.mesh import sockets
 from armadico.mesh.door import VIEWER, person
+from armadico_tools.attacks.pauses import Drive
 from armadico_tools.testbed import SOON_S, WATCHER, Namespaces, PlaceError, sockets_in
 
 ROBOT, LAB, DESK, STRANGER = "robot", "lab2", "desk", WATCHER
@@ -178,51 +177,26 @@ def recoveries(folder: Path) -> Iterator[Killed]:
         lab.up(LAB)
         lab.wait_for_keys()
         client = stack.enter_context(lab.client(VIEWER))
-        drive = Obeyed(client)
+        drive = Drive()
+        client.listen(Ack, then=drive.update)
         agents = Counter(name for _, name in IN_TURN)
         lab.until(client, lambda: Counter(n for n, _ in client.alive) >= agents, "the society")
         client.settle()
         with lab.client(person()) as driver:
             driver.goto(FAR_M, 0.0, 0.0, direct=True)
+
+        def drives() -> bool:
+            return drive.lasts(DRIVES_S, client.mesh.now())
+
         for flood in FLOODS:
             with flooding(lab, flood):
                 client.wait_for(lambda: False, SETTLES_S)
                 for host, name in IN_TURN:
-                    lab.until(client, lambda: drive.lasts(DRIVES_S), "the robot drives")
+                    lab.until(client, drives, "the robot drives")
                     yield killed(client, drive, flood.name, host, name)
 
 
-class Obeyed:
-    """When the robot agent obeyed commands of the wheels, by its acknowledgements."""
-
-    def __init__(self, client: Client) -> None:
-        self.holder = ""  # the instance that gave the newest one
-        self._client = client
-        self._times: list[float] = []
-        self._newest: Cycle | None = None
-        client.listen(Ack, then=self._on_ack)
-
-    def _on_ack(self, message: Message, at: float) -> None:
-        assert isinstance(message, Ack), "it listens to nothing else"
-        new = message.resource == WHEELS.name and message.obeyed_cycle != self._newest
-        if new and message.obeyed is not None:
-            self._newest = message.obeyed_cycle
-            self.holder = message.obeyed.instance
-            self._times.append(at)
-
-    def lasts(self, seconds: float) -> bool:
-        """Whether commands were obeyed until now, without a pause of more than `seconds` / 2."""
-        now = self._client.mesh.now()
-        return self.paused(now - seconds, now) < seconds / 2
-
-    def paused(self, since: float, until: float) -> float:
-        """The longest time without a newly obeyed command, s."""
-        before = [at for at in self._times if at <= since][-1:] or [since]
-        within = [at for at in self._times if since < at <= until]
-        return max(b - a for a, b in pairwise([*before, *within, until]))
-
-
-def killed(client: Client, drive: Obeyed, flood: str, host: str, name: str) -> Killed:
+def killed(client: Client, drive: Drive, flood: str, host: str, name: str) -> Killed:
     """Kill an agent of a host, and watch. Raises PlaceError if it is not there."""
     deadline = client.mesh.now() + LIMIT_S
     while len(there := _instances(client, host, name)) != 1:  # a card may be late under a flood
@@ -235,7 +209,7 @@ def killed(client: Client, drive: Obeyed, flood: str, host: str, name: str) -> K
     back = client.mesh.now() - began if new else None
     if drive.holder:
         client.wait_for(lambda: False, AFTER_S)
-        client.wait_for(lambda: drive.lasts(DRIVES_S), LIMIT_S)
+        client.wait_for(lambda: drive.lasts(DRIVES_S, client.mesh.now()), LIMIT_S)
     return Killed(flood, host, name, held, drive.paused(began, client.mesh.now()), back)
 
 

@@ -6,6 +6,7 @@ each second. Each cycle of a pause counts for one reason, and the most frequent 
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
@@ -112,9 +113,14 @@ class Drive:
 
     def lasts(self, seconds: float, now: float) -> bool:
         """Whether commands were obeyed for so long until now, without a pause."""
-        newest = self._obeyed[-20 * max(round(seconds), 1) :]
-        since = [at for at, _ in newest if at > now - seconds]
-        return longest([now - seconds, *since, now]) <= LIMIT_S
+        return self.paused(now - seconds, now) <= LIMIT_S
+
+    def paused(self, since: float, until: float) -> float:
+        """The longest time without a newly obeyed command, s."""
+        first = bisect_left(self._obeyed, since, key=lambda each: each[0])
+        times = [at for at, _ in self._obeyed[first:] if at <= until]
+        before = [self._obeyed[first - 1][0]] if first else []
+        return longest([*(before or [since]), *times, until])
 
     @property
     def gap(self) -> float:

@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from typing import Final, NamedTuple
 
-from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.simulator.server import TcpLine
 from armadico.config.endpoints import Endpoints
 from armadico.core.cycles import PERIOD
@@ -25,7 +24,6 @@ from armadico_tools.bench.latency import (
     AGENTS,
     DRIVE,
     GOAL,
-    MOTOR,
     Stopwatch,
     await_all,
     pioneer,
@@ -107,12 +105,7 @@ def _driving(place: Place, way: Way, phase: float) -> Iterator[Stopwatch]:
         (router,) = where.known
         line = TcpLine("127.0.0.1", 0)
         stack.callback(line.close)
-        decoder = Decoder()
-
-        def commanded(data: bytes) -> bool:
-            return any(payload[0] in MOTOR for payload in decoder.feed(data, time.perf_counter()))
-
-        watch = Stopwatch(line, commanded, ())
+        watch = Stopwatch(line)
         time.sleep((phase * PERIOD - time.monotonic()) % PERIOD)
         stack.enter_context(simulated(pioneer(), watch))
         for member in members(DRIVE, Options(), f"tcp://127.0.0.1:{line.port}"):

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from statistics import median, quantiles
 from typing import Final
 
 
@@ -119,24 +120,21 @@ def figure(
     """A figure, with its baseline if there is one. Raises ValueError without values."""
     if not values:
         raise ValueError(f"{name}: nothing was measured")
-    bad = 0.01 if more_is_better else 0.99
-    p50 = percentile(values, 0.5)
-    floor_p50 = percentile(floor, 0.5) if floor else None
-    return Figure(
-        name,
-        unit,
-        p50,
-        percentile(values, bad) if len(values) > 1 else None,
-        floor_p50,
-        percentile(floor, bad) if len(floor) > 1 else None,
-        p50 / floor_p50 if floor_p50 else None,
-    )
+
+    def bad_end(of: Sequence[float]) -> float | None:
+        if len(of) < 2:
+            return None
+        return quantiles(of, n=100, method="inclusive")[0 if more_is_better else 98]
+
+    p50, floor_p50 = median(values), median(floor) if floor else None
+    ratio = p50 / floor_p50 if floor_p50 else None
+    return Figure(name, unit, p50, bad_end(values), floor_p50, bad_end(floor), ratio)
 
 
-def percentile(values: Sequence[float], share: float) -> float:
-    """The value that this share of the others does not exceed, interpolated."""
-    ordered = sorted(values)
-    place = share * (len(ordered) - 1)
-    below = int(place)
-    above = min(below + 1, len(ordered) - 1)
-    return ordered[below] + (place - below) * (ordered[above] - ordered[below])
+def show_trials(trials: Sequence[object], names: Sequence[str]) -> None:
+    """Print trials, and the median and the largest of these of their fields."""
+    for trial in trials:
+        print(trial)
+    for name in names:
+        values = sorted(getattr(trial, name) for trial in trials)
+        print(f"{name}: p50 {values[len(values) // 2]:.3f}, worst {values[-1]:.3f}")

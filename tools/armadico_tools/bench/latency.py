@@ -114,20 +114,12 @@ class Floor:
 class Stopwatch:
     """A robot's end of a line that measures the time from a cycle to the command that returns.
 
-    Args:
-        line: The robot's.
-        answers: Whether incoming bytes contain a motor command.
-        floors: Baselines that have their turns afterwards.
+    The floors have their turns afterwards.
     """
 
-    def __init__(
-        self,
-        line: Line,
-        answers: Callable[[bytes], bool],
-        floors: Sequence[Floor],
-    ) -> None:
+    def __init__(self, line: Line, floors: Sequence[Floor] = ()) -> None:
         self.latencies: list[float] = []  # s
-        self._line, self._answers, self._floors = line, answers, floors
+        self._line, self._floors, self._decoder = line, floors, Decoder()
         self._sent_at: float | None = None
 
     def hang_up(self) -> bool:
@@ -145,7 +137,8 @@ class Stopwatch:
         """Receive; a command stops the watch."""
         data = self._line.read(timeout_s)
         now = time.perf_counter()
-        if self._answers(data or b"") and self._sent_at is not None:
+        payloads = [*self._decoder.feed(data or b"", now)]
+        if any(payload[0] in MOTOR for payload in payloads) and self._sent_at is not None:
             if now - self._sent_at < LOST_S:
                 self.latencies.append(now - self._sent_at)
             self._sent_at = None
@@ -172,13 +165,7 @@ def _measured(name: str, together: tuple[tuple[str, ...], ...], quick: bool) -> 
         ]
         line = TcpLine("127.0.0.1", 0)
         stack.callback(line.close)
-        decoder = Decoder()
-
-        def commanded(data: bytes) -> bool:
-            payloads = [*decoder.feed(data, time.perf_counter())]
-            return any(payload[0] in MOTOR for payload in payloads)
-
-        watch = Stopwatch(line, commanded, floors)
+        watch = Stopwatch(line, floors)
         stack.enter_context(simulated(pioneer(), watch))
         stack.enter_context(society(f"tcp://127.0.0.1:{line.port}", together))
         taken = [watch.latencies, *(bare.latencies for bare in floors)]

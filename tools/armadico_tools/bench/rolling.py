@@ -33,6 +33,7 @@ from armadico.core.services import service_of
 from armadico.mesh.ports import free_port
 from armadico.mobile.messages import Truth
 from armadico.runtime.process import AgentHost, identity
+from armadico_tools.bench.figures import show_trials
 from armadico_tools.testbed import Place
 
 BASE: Final = Path(__file__).with_name("ros2_base.py")
@@ -313,11 +314,7 @@ def main() -> None:
     line, fault, count, *others = sys.argv[1:]
     program = "".join(others[:1])
     trials = roll(LINES[line], fault, int(count), program=program, python="".join(others[1:2]))
-    for trial in trials:
-        print(trial)
-    for name in ("begins_s", "rest_s", "roll_m"):
-        values = sorted(getattr(trial, name) for trial in trials)
-        print(f"{name}: p50 {values[len(values) // 2]:.3f}, worst {values[-1]:.3f}")
+    show_trials(trials, ("begins_s", "rest_s", "roll_m"))
 
 
 if __name__ == "__main__":

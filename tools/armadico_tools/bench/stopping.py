@@ -20,6 +20,7 @@ from typing import Final, NamedTuple
 from armadico.config.hosts import load_hosts
 from armadico.core.messages import RobotState
 from armadico.launch.client import Client
+from armadico_tools.bench.figures import show_trials
 from armadico_tools.testbed import Namespaces, PlaceError
 
 ROBOT, OTHER = "robot", "lab"
@@ -124,12 +125,7 @@ def stop_from_another_host(count: int, busy: int) -> list[Trial]:
 def main() -> None:
     """`python -m armadico_tools.bench.stopping COUNT BUSY`."""
     count, busy = map(int, sys.argv[1:])
-    trials = stop_from_another_host(count, busy)
-    for trial in trials:
-        print(trial)
-    for name in Trial._fields:
-        values = sorted(getattr(trial, name) for trial in trials)
-        print(f"{name}: p50 {values[len(values) // 2]:.3f}, worst {values[-1]:.3f}")
+    show_trials(stop_from_another_host(count, busy), Trial._fields)
 
 
 if __name__ == "__main__":

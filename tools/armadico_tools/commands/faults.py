@@ -31,6 +31,7 @@ def run(args: Options) -> int:
     """Run seeds, a case, trials or the check of a recording; 1 if a promise was broken."""
     _check(args)
     from armadico_tools.faults import campaign
+    from armadico_tools.faults.variants import VARIANTS
 
     live, as_json = args.real.live, args.series.json
     if args.kept.recording is not None:
@@ -41,8 +42,8 @@ def run(args: Options) -> int:
         if kind not in known:
             raise UsageError(no_such("kind of trial" if live else "kind of fault", kind, known))
     variant = args.virtual.variant
-    if variant is not None and variant not in campaign.VARIANTS:
-        raise UsageError(no_such("variant", variant, campaign.VARIANTS))
+    if variant is not None and variant not in VARIANTS:
+        raise UsageError(no_such("variant", variant, VARIANTS))
     if args.list:
         return campaign.show_kinds(live=live, as_json=as_json)
     if args.virtual.once and not args.virtual.planted:

@@ -27,17 +27,15 @@ class Graph:
     def __init__(self, following: Sequence[Sequence[int]]) -> None:
         self._following = following
 
-    def longest(self, bad: Sequence[bool]) -> list[int]:
-        """The longest sequence of bad worlds. Raises Never if it has no end."""
-        left = self._lengths(bad)
-        most = max(left, default=0)
-        if not most:
-            return []
-        path = [left.index(most)]
-        while left[path[-1]] > 1:
-            more = left[path[-1]] - 1
-            path.append(next(n for n in self._following[path[-1]] if left[n] == more))
-        return path
+    def longest(self, bad: Sequence[bool]) -> int:
+        """The most bad worlds one after the other. Raises Never if there is no end to them."""
+        left = [0] * len(bad)
+        for group in self._groups(bad):
+            one = group[0]
+            if len(group) > 1 or one in self._following[one]:
+                raise Never(self._round(one, set(group)))
+            left[one] = 1 + max((left[n] for n in self._following[one]), default=0)
+        return max(left, default=0)
 
     def settles_within(self, among: Sequence[bool], bad: Sequence[bool]) -> int:
         """Most cycles until no bad world follows. Raises Never if one always may."""
@@ -83,16 +81,6 @@ class Graph:
             if loop:
                 return loop
         return []
-
-    def _lengths(self, among: Sequence[bool]) -> list[int]:
-        """The longest path from each world through `among`. Raises Never if there is a loop."""
-        left = [0] * len(among)
-        for group in self._groups(among):
-            one = group[0]
-            if len(group) > 1 or one in self._following[one]:
-                raise Never(self._round(one, set(group)))
-            left[one] = 1 + max((left[n] for n in self._following[one]), default=0)
-        return left
 
     def _round(self, start: int, members: set[int]) -> list[int]:
         """The shortest way from a world back to itself."""

@@ -21,9 +21,6 @@ class Run:
     loop: int = 0
     """Cycles at the end that return to the same world, and so repeat forever."""
 
-    patience: int | None = None
-    """Most cycles without a valid command while a contender could be obeyed."""
-
     @property
     def cost(self) -> int:
         """The number of picks that cost."""
@@ -49,7 +46,6 @@ def replay(run: Run, parts: Parts | None = None) -> list[str]:
     """The promises that a run breaks, each with details. Raises ValueError for impossible picks."""
     world = World(run.setup, parts)
     loop: list[World] = []
-    starved = longest = 0
     begins = run.cycles - run.loop
     for n in range(1, run.cycles + 1):
         script = Script(run.steps.get(n, {}))
@@ -58,14 +54,10 @@ def replay(run: Run, parts: Parts | None = None) -> list[str]:
         except BrokenError as error:
             return [str(error)]
         script.done()
-        starved = starved + 1 if world.starved else 0
-        longest = max(longest, starved)
         if run.loop and n == begins:
             loop = [world.twin()]
         elif loop:
             loop.append(world.twin())
-    if run.patience is not None and longest > run.patience:
-        return [f"in time: no contender is obeyed in {longest} cycles"]
     if not loop or key(loop[0]) != key(loop[-1]):
         return []
     broken = []

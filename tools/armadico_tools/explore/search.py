@@ -37,8 +37,6 @@ class Found:
 class Limits:
     faults: int = 1
     cycles: int | None = None  # None: until there is no new world
-    states: int | None = None
-    patience: int | None = None  # most cycles to recover; None: any number
 
 
 class Search:
@@ -92,9 +90,6 @@ class Search:
                 if self.limits.cycles is not None and world.n >= self.limits.cycles:
                     self.found.closed = False
                     continue
-                if self.limits.states is not None and len(self._numbers) >= self.limits.states:
-                    self.found.closed = False
-                    return
                 self._expand(number, world, cost, later)
             waiting = later
         self._layers[cost] = []
@@ -167,10 +162,7 @@ class Search:
         graph = Graph(self._next)
         starving = [bool(flags & STARVED) for flags in self._flags]
         try:
-            path = graph.longest(starving)
-            self.found.starved = len(path)
-            if self.limits.patience is not None and len(path) > self.limits.patience:
-                self._late(path)
+            self.found.starved = graph.longest(starving)
         except Never as never:
             self._never(never, "one drives")
         else:
@@ -184,14 +176,6 @@ class Search:
             self.found.unsettled = graph.settles_within(whole, unsettled)
         except Never as never:
             self._never(never, "it settles")
-
-    def _late(self, path: list[int]) -> None:
-        """Add the counterexample of a recovery that takes too long."""
-        steps = self.way(path[0])
-        steps += [self._step_between(*pair) for pair in pairwise(path)]
-        run = Run(self.setup, _sparse(steps), len(steps), patience=self.limits.patience)
-        how = f"no contender is obeyed in {len(path)} cycles"
-        self._broken["in time"] = Counterexample("in time", how, run)
 
     def _never(self, never: Never, promise: str) -> None:
         first = min(never.loop, key=lambda number: (self._cost[number], number))

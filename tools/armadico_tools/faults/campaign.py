@@ -40,8 +40,7 @@ from armadico_tools.faults.series import EVERYTHING, Ledger, Line, Only, Summary
 from armadico_tools.faults.sightings import Sight
 from armadico_tools.faults.trials import TABLE, TRIALS, Trial, place_for
 from armadico_tools.faults.trials import run_trials as make_trials
-from armadico_tools.faults.variants import VARIANTS as VARIANTS  # noqa: PLC0414 (exported)
-from armadico_tools.faults.variants import among, check_coordination
+from armadico_tools.faults.variants import VARIANTS, among, check_coordination
 from armadico_tools.faults.workload import End
 from armadico_tools.hosts.namespaces import lacking
 from armadico_tools.testbed import TABLE as HOSTS

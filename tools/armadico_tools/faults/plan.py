@@ -75,9 +75,10 @@ LEAST_S: Final = {
     "missing-wall": 30.0,
     "unmapped-box": 30.0,  # the robot has to get there
 }
+"""Least durations of such faults, s; shorter ones have no effect."""
+
 MOST_S: Final = {"starved": 2.0, "links-lost": 2.0, "blocked-wheels": 3.0}
 """Such faults last a moment, s."""
-"""Least durations of such faults, s; shorter ones have no effect."""
 
 TOGETHER: Final = (0.0, 0.3, 0.3, 0.7)
 """Share of the faults that begin while another is active."""

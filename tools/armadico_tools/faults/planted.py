@@ -18,7 +18,7 @@ from msgspec.structs import replace
 
 from armadico.core.agent import Agent
 from armadico.core.exchange import Bid
-from armadico.core.messages import Description, Message, RobotState
+from armadico.core.messages import Description, RobotState
 from armadico.mobile.driven import Stage
 from armadico.mobile.messages import (
     NO_POSE,
@@ -31,9 +31,9 @@ from armadico.mobile.messages import (
     Sonar,
 )
 from armadico.mobile.obstacles import Obstacles
-from armadico.mobile.scans import bearings_of, packed, ranges_of
+from armadico.mobile.scans import packed, ranges_of
 from armadico_tools.faults.plan import Outcome
-from armadico_tools.faults.planted_senses import SENSES
+from armadico_tools.faults.planted_senses import SENSES, without, without_reflex
 from armadico_tools.faults.planting import Defect, Late, publishes, wrap
 
 GIVES_UP_M: Final = 1.5
@@ -117,10 +117,6 @@ def _runs(goto: Any) -> None:
     _lies(goto, RUNS_M_S, critical=True)
 
 
-def _no_reflex(robot: Any) -> None:
-    robot.p = replace(robot.p, reflex=False)
-
-
 def _fails(interface: Any) -> None:
     """Each tenth mission by its number, which is drawn."""
     begun: dict[int, float] = {}
@@ -147,31 +143,27 @@ def _stands(goto: Any) -> None:
 def _lost(encoder: Any) -> None:
     joined = encoder.now
 
-    def change(message: Message) -> Message:
-        if isinstance(message, Pose) and encoder.now - joined > LOST_AFTER_S:
-            return replace(message, covariance=(1.0, 0.0, 0.0, 1.0, 0.0, 0.1))
-        return message
+    def change(pose: Pose) -> Pose:
+        if encoder.now - joined <= LOST_AFTER_S:
+            return pose
+        return replace(pose, covariance=(1.0, 0.0, 0.0, 1.0, 0.0, 0.1))
 
-    publishes(encoder, change)
+    publishes(encoder, Pose, change)
 
 
 def _blinks(encoder: Any) -> None:
-    def change(message: Message) -> Message:
-        if isinstance(message, Pose) and message.cycle.number % BLINKS < FOUND_CYCLES:
-            return message
-        return _doubtful(message, 0.3)
+    def change(pose: Pose) -> Pose:
+        return pose if pose.cycle.number % BLINKS < FOUND_CYCLES else _doubtful(pose, 0.3)
 
-    publishes(encoder, change)
+    publishes(encoder, Pose, change)
 
 
-def _doubtful(message: Message, variance: float) -> Message:
-    if not isinstance(message, Pose):
-        return message
-    return replace(message, covariance=(variance, 0.0, 0.0, variance, 0.0, 0.001))
+def _doubtful(pose: Pose, variance: float) -> Pose:
+    return replace(pose, covariance=(variance, 0.0, 0.0, variance, 0.0, 0.001))
 
 
 def _unsure(encoder: Any) -> None:
-    publishes(encoder, lambda message: _doubtful(message, 0.02))
+    publishes(encoder, Pose, lambda pose: _doubtful(pose, 0.02))
 
 
 def _flickers(goto: Any) -> None:
@@ -186,28 +178,22 @@ def _flickers(goto: Any) -> None:
 
 
 def _biased(robot: Any) -> None:
-    def change(message: Message) -> Message:
-        if isinstance(message, Scan):
-            ranges = ranges_of(message) + BIAS_M
-            return replace(message, packed=packed(ranges, 0.0, message.reach))
-        if not isinstance(message, Sonar):
-            return message
+    def farther(sonar: Sonar) -> Sonar:
         echoes = tuple(
             each if each.range is None else replace(each, range=each.range + BIAS_M)
-            for each in message.echoes
+            for each in sonar.echoes
         )
-        return replace(message, echoes=echoes)
+        return replace(sonar, echoes=echoes)
 
-    publishes(robot, change)
+    def scanned_farther(scan: Scan) -> Scan:
+        return replace(scan, packed=packed(ranges_of(scan) + BIAS_M, 0.0, scan.reach))
+
+    publishes(robot, Sonar, farther)
+    publishes(robot, Scan, scanned_farther)
 
 
 def _brakes(robot: Any) -> None:
-    def change(message: Message) -> Message:
-        if not isinstance(message, Description):
-            return message
-        return replace(message, v_decel=BRAKES * message.v_decel)
-
-    publishes(robot, change)
+    publishes(robot, Description, lambda about: replace(about, v_decel=BRAKES * about.v_decel))
 
 
 def _caps(robot: Any) -> None:
@@ -231,21 +217,14 @@ def _late(robot: Any) -> None:
 
 
 def _scaled(robot: Any) -> None:
-    def change(message: Message) -> Message:
-        if not isinstance(message, RobotState):
-            return message
-        return replace(message, x=SCALE * message.x, y=SCALE * message.y)
-
-    publishes(robot, change)
+    publishes(robot, RobotState, lambda at: replace(at, x=SCALE * at.x, y=SCALE * at.y))
 
 
 def _jumps(encoder: Any) -> None:
-    def change(message: Message) -> Message:
-        if not isinstance(message, Pose) or encoder.now % JUMPS_EACH_S > JUMPS_S:
-            return message
-        return replace(message, x=message.x + JUMP_M)
+    def change(pose: Pose) -> Pose:
+        return pose if encoder.now % JUMPS_EACH_S > JUMPS_S else replace(pose, x=pose.x + JUMP_M)
 
-    publishes(encoder, change)
+    publishes(encoder, Pose, change)
 
 
 def _endless(interface: Any) -> None:
@@ -270,38 +249,29 @@ def _keeps(goto: Any) -> None:
 def _hides(perception: Any) -> None:
     """As if one side's sensors were not read."""
 
-    def change(message: Message) -> Message:
-        if not isinstance(message, Obstacles):
-            return message
-        shown = tuple(p for p in message.points if p.y < 0.0)
+    def change(obstacles: Obstacles) -> Obstacles:
+        shown = tuple(p for p in obstacles.points if p.y < 0.0)
         nearest = min(shown, key=lambda p: hypot(p.x, p.y), default=None)
-        return replace(message, points=shown, closest=nearest, left=None)
+        return replace(obstacles, points=shown, closest=nearest, left=None)
 
-    publishes(perception, change)
+    publishes(perception, Obstacles, change)
 
 
 def _mirrors(robot: Any) -> None:
-    def change(message: Message) -> Message:
-        if isinstance(message, Sonar):
-            echoes = tuple(replace(e, y=-e.y, bearing=-e.bearing) for e in message.echoes)
-            return replace(message, echoes=echoes)
-        if isinstance(message, Scan):
-            bearing, step = -message.bearing, -message.step
-            return replace(message, y=-message.y, bearing=bearing, step=step)
-        return message
+    def swapped(sonar: Sonar) -> Sonar:
+        echoes = tuple(replace(e, y=-e.y, bearing=-e.bearing) for e in sonar.echoes)
+        return replace(sonar, echoes=echoes)
 
-    publishes(robot, change)
+    def swapped_scan(scan: Scan) -> Scan:
+        return replace(scan, y=-scan.y, bearing=-scan.bearing, step=-scan.step)
+
+    publishes(robot, Sonar, swapped)
+    publishes(robot, Scan, swapped_scan)
 
 
 def _stale(encoder: Any) -> None:
     late = Late[Pose](STALE_CYCLES)
-
-    def change(message: Message) -> Message:
-        if not isinstance(message, Pose):
-            return message
-        return replace(late.of(message), cycle=message.cycle)
-
-    publishes(encoder, change)
+    publishes(encoder, Pose, lambda pose: replace(late.of(pose), cycle=pose.cycle))
 
 
 def _drives(robot: Any, change: Callable[[float, float], tuple[float, float]]) -> None:
@@ -323,22 +293,15 @@ def _spins(robot: Any) -> None:
 def _lags(robot: Any) -> None:
     late = Late[RobotState](LAG_CYCLES)
 
-    def change(message: Message) -> Message:
-        if not isinstance(message, RobotState):
-            return message
-        old = late.of(message)
-        return replace(message, x=old.x, y=old.y, theta=old.theta)
+    def change(state: RobotState) -> RobotState:
+        old = late.of(state)
+        return replace(state, x=old.x, y=old.y, theta=old.theta)
 
-    publishes(robot, change)
+    publishes(robot, RobotState, change)
 
 
 def _shifts(localization: Any) -> None:
-    def change(message: Message) -> Message:
-        return (
-            replace(message, x=message.x + SHIFT_M) if isinstance(message, Correction) else message
-        )
-
-    publishes(localization, change)
+    publishes(localization, Correction, lambda found: replace(found, x=found.x + SHIFT_M))
 
 
 def _refuses(interface: Any) -> None:
@@ -370,16 +333,12 @@ def _misses(interface: Any) -> None:
 def _blinds(robot: Any) -> None:
     """As if the cable of one side were off."""
 
-    def change(message: Message) -> Message:
-        if isinstance(message, Sonar):
-            echoes = (e if e.bearing <= 0.0 else replace(e, range=None) for e in message.echoes)
-            return replace(message, echoes=tuple(echoes))
-        if isinstance(message, Scan):
-            ranges = np.where(np.sin(bearings_of(message)) > 0.0, np.inf, ranges_of(message))
-            return replace(message, packed=packed(ranges, 0.0, message.reach))
-        return message
+    def half(sonar: Sonar) -> Sonar:
+        echoes = (e if e.bearing <= 0.0 else replace(e, range=None) for e in sonar.echoes)
+        return replace(sonar, echoes=tuple(echoes))
 
-    publishes(robot, change)
+    publishes(robot, Sonar, half)
+    publishes(robot, Scan, lambda scan: without(scan, lambda bearings: np.sin(bearings) > 0.0))
 
 
 def _doubles(robot: Any) -> None:
@@ -389,14 +348,12 @@ def _doubles(robot: Any) -> None:
 def _freezes(perception: Any) -> None:
     kept: list[Obstacles] = []
 
-    def change(message: Message) -> Message:
-        if not isinstance(message, Obstacles):
-            return message
-        if not kept or message.cycle.number % FROZEN_CYCLES == 0:
-            kept[:] = [message]
-        return replace(kept[0], cycle=message.cycle)
+    def change(obstacles: Obstacles) -> Obstacles:
+        if not kept or obstacles.cycle.number % FROZEN_CYCLES == 0:
+            kept[:] = [obstacles]
+        return replace(kept[0], cycle=obstacles.cycle)
 
-    publishes(perception, change)
+    publishes(perception, Obstacles, change)
 
 
 def _skips(planning: Any) -> None:
@@ -411,14 +368,11 @@ def _skips(planning: Any) -> None:
 def _is_sure(localization: Any) -> None:
     """By readings that it does not use: it is moved, and certain."""
 
-    def change(message: Message) -> Message:
-        if not isinstance(message, Correction):
-            return message
-        turned = message.theta + 0.1
+    def change(found: Correction) -> Correction:
         small = (1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4)
-        return replace(message, theta=turned, covariance=small)
+        return replace(found, theta=found.theta + 0.1, covariance=small)
 
-    publishes(localization, change)
+    publishes(localization, Correction, change)
 
 
 DEFECTS: Final = {
@@ -428,7 +382,7 @@ DEFECTS: Final = {
     "caps": Defect("the robot agent says that something is always ahead", {"robot": _caps}),
     "no-reflex": Defect(
         "the robot agent lets every command through, of a liar, too",
-        {"robot": _no_reflex, "goto": _runs},
+        {"robot": without_reflex, "goto": _runs},
     ),
     "lies": Defect("goto bids high and drives on, whatever is ahead", {"goto": _lies}),
     "fails": Defect("each tenth mission fails without a cause", {"interface": _fails}),

@@ -13,7 +13,6 @@ import numpy as np
 from msgspec.structs import replace
 
 from armadico.config.worlds import Segment
-from armadico.core.messages import Message
 from armadico.mobile.geometry import Pose2, compose
 from armadico.mobile.messages import Correction, Echo, Scan, Sonar
 from armadico.mobile.scans import bearings_of, packed, ranges_of
@@ -45,7 +44,8 @@ def _reads(robot: Any, sonar: Any, scan: Any) -> None:
     wrap(readings, "update", update)
 
 
-def _without(scan: Scan, hidden: Any) -> Scan:
+def without(scan: Scan, hidden: Any) -> Scan:
+    """A scan whose rays at hidden bearings, by a function of them all, read nothing."""
     ranges = np.where(hidden(bearings_of(scan)), inf, ranges_of(scan))
     return replace(scan, packed=packed(ranges, 0.0, scan.reach))
 
@@ -65,7 +65,7 @@ def _is_deaf(robot: Any) -> None:
     def hidden(bearings: Any) -> Any:
         return np.abs((bearings + np.pi) % (2.0 * np.pi) - np.pi) < DEAF_RAD
 
-    _reads(robot, heard, lambda scan: _without(scan, hidden))
+    _reads(robot, heard, lambda scan: without(scan, hidden))
 
 
 def _reads_late(robot: Any) -> None:
@@ -85,7 +85,8 @@ def _turns_less(robot: Any) -> None:
     wrap(robot, "_report", report)
 
 
-def _without_reflex(robot: Any) -> None:
+def without_reflex(robot: Any) -> None:
+    """Let every command through."""
     robot.p = replace(robot.p, reflex=False)
 
 
@@ -94,7 +95,7 @@ def _half_reflex(robot: Any) -> None:
         scan, driven = others
         left: tuple[Echo, ...] = tuple(each for each in echoes if each.bearing > 0.0)
         if scan is not None:
-            scan = _without(scan, lambda bearings: np.sin(bearings) < 0.0)
+            scan = without(scan, lambda bearings: np.sin(bearings) < 0.0)
         method(left, pose, measured, now, scan, driven)
 
     wrap(robot._reflex, "update", update)
@@ -124,13 +125,11 @@ def _forgetful_reflex(robot: Any) -> None:
 def _turns_map(localization: Any) -> None:
     """As if its map were turned about the world's origin."""
 
-    def change(message: Message) -> Message:
-        if not isinstance(message, Correction):
-            return message
-        turned: Pose2 = compose((0.0, 0.0, TURNED_RAD), (message.x, message.y, message.theta))
-        return replace(message, x=turned[0], y=turned[1], theta=turned[2])
+    def change(found: Correction) -> Correction:
+        turned: Pose2 = compose((0.0, 0.0, TURNED_RAD), (found.x, found.y, found.theta))
+        return replace(found, x=turned[0], y=turned[1], theta=turned[2])
 
-    publishes(localization, change)
+    publishes(localization, Correction, change)
 
 
 def _shifts_walls(planner: Any) -> None:
@@ -151,7 +150,7 @@ SENSES: Final = {
         f"readings are {SONAR_CYCLES} cycles old (a laser's {SCAN_CYCLES})", {"robot": _reads_late}
     ),
     "half-turn": Defect(f"turns are measured at {RATE:g} times their rate", {"robot": _turns_less}),
-    "reflex-off": Defect("the reflex lets all through", {"robot": _without_reflex}),
+    "reflex-off": Defect("the reflex lets all through", {"robot": without_reflex}),
     "reflex-half": Defect("the reflex uses the left's readings only", {"robot": _half_reflex}),
     "reflex-stale": Defect("the reflex keeps to its first view", {"robot": _stale_reflex}),
     "reflex-forgets": Defect(

@@ -24,9 +24,13 @@ def wrap(owner: Any, name: str, by: Callable[..., Any]) -> None:
     vars(owner)[name] = lambda *args, **named: by(method, *args, **named)
 
 
-def publishes(agent: Any, change: Callable[[Message], Message]) -> None:
-    """Change what an agent publishes."""
-    wrap(agent, "publish", lambda method, message: method(change(message)))
+def publishes(agent: Any, kind: type[M], change: Callable[[M], M]) -> None:
+    """Change the messages of a kind that an agent publishes."""
+
+    def publish(method: Callable[..., None], message: Message) -> None:
+        method(change(message) if isinstance(message, kind) else message)
+
+    wrap(agent, "publish", publish)
 
 
 class Late(Generic[M]):

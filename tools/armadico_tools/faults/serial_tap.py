@@ -1,4 +1,4 @@
-"""A tap on the line between the robot agent and its controller: its packets, with times.
+"""A tap on the line between the robot agent and its controller, with the times of what passes.
 
 `Orders` reads the ordered speeds from the bytes that the robot agent writes, sans-IO. The tap keeps
 the controller's end open when the agent goes: as on a serial line, the controller does not notice
@@ -13,24 +13,14 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Final
 
-from armadico.bridge.p2os.commands import Cmd, Command, decode_command
+from armadico.bridge.p2os.commands import Cmd, decode_command
 from armadico.bridge.p2os.packets import Decoder
-from armadico.bridge.p2os.status import STATUS_TYPES
 from armadico_tools.faults.observations import Ordered
 
 POLL_S: Final = 0.1
 CHUNK: Final = 4096
-
-
-@dataclass(frozen=True)
-class Status:
-    """A status packet."""
-
-
-Packet = Command | Status
 
 
 STOPS: Final = frozenset({Cmd.STOP, Cmd.E_STOP, Cmd.CLOSE})
@@ -62,26 +52,27 @@ class Orders:
 
 
 class Tap:
-    """Listens, and forwards; `packets` has what passed, both ways, in order."""
+    """Listens, and forwards."""
 
     def __init__(
         self,
         upstream: str,
-        written: Callable[[bytes, float], None] = lambda *_: None,
-        clock: Callable[[], float] = time.monotonic,
+        written: Callable[[bytes, float], None],
+        answered: Callable[[bytes, float], None] = lambda *_: None,
     ) -> None:
-        """Connect to a simulator's URL; `written` receives what the agent writes, with the time.
+        """Connect to a simulator's URL.
+
+        `written` receives what the agent writes, with the time, `answered` what the controller
+        does.
 
         It listens and connects in the network of the creating thread.
         """
         address, _, port = upstream.removeprefix("tcp://").rpartition(":")
         self._upstream = (address, int(port))
-        self.packets: list[Packet] = []
-        self._written, self._clock = written, clock
+        self._written, self._answered = written, answered
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._client: socket.socket | None = None
         self._robot: socket.socket | None = None
-        self._sent, self._received = Decoder(), Decoder()
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="tap", daemon=True)
         self._thread.start()
@@ -100,10 +91,6 @@ class Tap:
         self._thread.join()
         self._hang_up()
         self._listener.close()
-
-    def commands(self, since: int = 0) -> list[Command]:
-        """The robot agent's commands from a position in `packets` on."""
-        return [packet for packet in self.packets[since:] if isinstance(packet, Command)]
 
     # The thread ----------------------------------------------------------------------------------
 
@@ -127,7 +114,7 @@ class Tap:
         except OSError:
             client.close()
             return
-        self._client, self._sent = client, Decoder()
+        self._client = client
 
     def _from_client(self, client: socket.socket) -> None:
         data = _read(client)
@@ -135,8 +122,7 @@ class Tap:
             client.close()
             self._client = None
             return
-        self._written(data, self._clock())
-        self.packets += [decode_command(payload) for payload in self._sent.feed(data)]
+        self._written(data, time.monotonic())
         _send(self._robot, data)
 
     def _from_robot(self, robot: socket.socket) -> None:
@@ -144,8 +130,7 @@ class Tap:
         if not data:
             self._hang_up()
             return
-        payloads = self._received.feed(data)
-        self.packets += [Status() for payload in payloads if payload[0] in STATUS_TYPES]
+        self._answered(data, time.monotonic())
         _send(self._client, data)
 
     def _hang_up(self) -> None:

@@ -21,7 +21,8 @@ from armadico_tools.faults.monitored import Monitored
 from armadico_tools.faults.plan import Case, Outcome
 from armadico_tools.faults.shrink import Shrinker
 from armadico_tools.faults.sightings import Sight
-from armadico_tools.faults.workload import case_of, run, when_broken
+from armadico_tools.faults.variants import case_of
+from armadico_tools.faults.workload import run, when_broken
 from armadico_tools.results import Kept, Rows
 
 if TYPE_CHECKING:

@@ -36,7 +36,7 @@ Broken = Callable[[Case], float | None]
 class Shrinker:
     """Shrinks one case; `tries` counts the runs, and `step` is called after each.
 
-    A case is tried with `noises` seeds of noise, its own first. The result has the seed with which
+    A case is tried with `NOISES` seeds of noise, its own first. The result has the seed with which
     it broke.
     """
 
@@ -44,12 +44,10 @@ class Shrinker:
         self,
         broken: Broken,
         most: int = TRIES,
-        noises: int = NOISES,
         step: Callable[[], None] = lambda: None,
     ) -> None:
         self._broken = broken
         self._most = most
-        self._noises = noises
         self._step = step
         self.tries = 0
 
@@ -63,7 +61,7 @@ class Shrinker:
 
     def _try(self, case: Case) -> Case | None:
         """The case without its end, if it breaks with any of the seeds."""
-        for noise in range(self._noises):
+        for noise in range(NOISES):
             if self.tries >= self._most:
                 return None
             self.tries += 1

@@ -71,7 +71,6 @@ from armadico_tools.faults.recovery import FORGOTTEN_S
 from armadico_tools.faults.serial_tap import Orders
 from armadico_tools.faults.sightings import Sight
 from armadico_tools.faults.variants import BY_HAND, FLEET, VARIANTS, scenario_of
-from armadico_tools.faults.variants import case_of as case_of  # noqa: PLC0414 (exported)
 
 ORDER_S: Final = 0.5
 """Period of checking whether there is a mission."""

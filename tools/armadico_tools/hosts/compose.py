@@ -268,10 +268,9 @@ class ComposeHosts:
         self._say("removing the containers")
         self.down()
 
-    def start(self, host: str, *, wait: bool = False) -> None:
-        """Start a host's container; with `wait`, until it is healthy. No effect if it runs."""
-        waiting = ("--wait", "--wait-timeout", str(START_S)) if wait else ()
-        self._do("up", "--detach", "--no-deps", "--no-build", *waiting, host)
+    def start(self, host: str) -> None:
+        """Start a host's container. No effect if it runs."""
+        self._do("up", "--detach", "--no-deps", "--no-build", host)
 
     def stop(self, host: str) -> None:
         """Kill everything in a host's container, like a power failure."""

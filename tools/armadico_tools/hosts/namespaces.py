@@ -134,13 +134,12 @@ class Host:
 class Network:
     """Hosts on a switch, as a context manager."""
 
-    def __init__(self, addresses: Mapping[str, str], seed: int = 0, prefix: int = 24) -> None:
+    def __init__(self, addresses: Mapping[str, str], seed: int = 0) -> None:
         """Make the hosts.
 
         Args:
-            addresses: The IPv4 address of each host, by its name.
+            addresses: The IPv4 address of each host, by its name, in one network of 24 bits.
             seed: Of the random faults.
-            prefix: The length of the network's prefix, bits.
         """
         self._lock = threading.Lock()
         self._stack = ExitStack()
@@ -153,7 +152,7 @@ class Network:
         try:
             for mac, name in cards.items():
                 host = self.hosts[name] = self._stack.enter_context(Host(name))
-                host.configure(f"{addresses[name]}/{prefix}", mac)
+                host.configure(f"{addresses[name]}/24", mac)
         except OSError:
             self._stack.close()
             raise

@@ -105,12 +105,6 @@ class Switch:
         for link in links:
             self._wires[link].faults = faults
 
-    def cut(self, links: Iterable[Link], cut: bool = True) -> None:
-        """Cut or reconnect links; their other faults stay."""
-        for link in links:
-            wire = self._wires[link]
-            wire.faults = replace(wire.faults, cut=cut)
-
     def partition(self, *groups: Collection[str]) -> None:
         """Connect only hosts of the same group; a host in no group is isolated."""
         group = {host: number for number, hosts in enumerate(groups) for host in hosts}

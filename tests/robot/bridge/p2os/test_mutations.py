@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from armadico.bridge.p2os.commands import SYNC0, SYNC1, Cmd, command
-from armadico.bridge.p2os.packets import Decoder, encode
+from armadico.bridge.p2os.commands import SYNC0, SYNC1
+from armadico.bridge.p2os.packets import encode
 from armadico.bridge.p2os.session import Reported, Session
 from armadico.bridge.p2os.status import Status, encode_status
 
@@ -88,18 +88,3 @@ def test_the_session_survives_and_reads_the_next_status(profile: P2osRobot, seed
     )
     assert decoder_at == 0
     assert isinstance(session.receive(encode(good), now)[-1], Reported)
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_good_packets_after_a_pause_are_all_received(seed: int) -> None:
-    draws = random.Random(seed)
-    source = draws.choice(sorted(FOLDER.glob("*.bin"))).read_bytes()
-    decoder, now = Decoder(), 0.0
-    decoder.feed(mangled(source, draws), now)
-    marker = [command(Cmd.VEL, n) for n in range(40)]
-    got = []
-    for packet in marker:
-        now += 0.2
-        got += decoder.feed(packet, now)
-    whole = [packet[3:-2] for packet in marker]
-    assert got[-len(whole) + 3 :] == whole[3:]

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armadico.bridge.p2os.packets import MAX_PAYLOAD, QUIET_S, Decoder, checksum, encode
+from armadico.bridge.p2os.packets import MAX_PAYLOAD, Decoder, checksum, encode
 
 payloads = st.binary(min_size=1, max_size=MAX_PAYLOAD)
 
@@ -96,12 +96,6 @@ def test_a_count_made_larger_by_noise_does_not_swallow_what_follows() -> None:
     first, second, third = (bytearray(encode(bytes([n, 0x3B, n, 0]))) for n in (11, 21, 11))
     first[2] = 18
     assert Decoder().feed(bytes(first + second + third)) == [second[3:-2], third[3:-2]]
-
-
-def test_a_packet_broken_off_is_given_up_after_a_pause() -> None:
-    decoder, stop = Decoder(), encode(b"\x1d")
-    assert decoder.feed(b"\xfa\xfb\xc8\x0b", 5.0) == []
-    assert decoder.feed(stop, 5.0 + QUIET_S + 0.01) == [b"\x1d"]
 
 
 def test_a_packet_that_merely_comes_slowly_is_kept() -> None:
