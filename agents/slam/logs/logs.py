@@ -67,8 +67,9 @@ CHANGED: Final = 10  # scans at each end of a log by which it is told that its s
 SAME: Final = 0.9  # share of the scans before and after the change that are alike
 FEW: Final = 3  # rays that a driver may send more or less
 
-FROZEN_M: Final = 1.0
-"""A real scanner never repeats a scan exactly on a way so long, m: its ranges have noise."""
+USELESS_M: Final = 1.0
+"""A real scanner never repeats a scan exactly on a way so long, m: its ranges have noise. Nor does
+it see nothing for so long in a building."""
 
 MCAP: Final = b"\x89MCAP"  # the beginning of a recording
 NONE: Final = (float("nan"),) * 3
@@ -174,25 +175,25 @@ class Log:
             return no(why, "see the notes on the log")
         if self.assumed:
             return unknown("; ".join(self.assumed), "copy or record the log again, whole")
-        if (way := self._frozen_m()) > FROZEN_M:
-            why = f"the scanner repeated one scan exactly while the odometry drove {way:.0f} m"
+        frozen_m, blind_m = self._useless_m()
+        if frozen_m > USELESS_M:
+            why = f"the scanner repeated one scan exactly while the odometry drove {frozen_m:.0f} m"
             return unknown(why, "check the scanner, and that its driver does not send old scans")
+        if blind_m > USELESS_M:
+            why = f"the scanner saw nothing while the odometry drove {blind_m:.0f} m"
+            return unknown(why, "check the scanner; out of its reach the place is by wheels alone")
         return yes()
 
-    def _frozen_m(self) -> float:
-        """The longest way by the odometry on which all scans are equal and see something, m."""
+    def _useless_m(self) -> tuple[float, float]:
+        """The longest ways by the odometry on which all scans are equal, or see nothing, m."""
         if not isinstance(self.readings, Scans) or len(self) < 2:
-            return 0.0
+            return 0.0, 0.0
         ranges = self.readings.ranges
-        sees = np.any(ranges[1:] * self.readings.scale < self.readings.reach, axis=1)
+        metres = ranges[1:] * self.readings.scale
+        sees = np.any((metres >= LEAST_M) & (metres < self.readings.reach), axis=1)
         equal = (ranges[1:] == ranges[:-1]) | (np.isnan(ranges[1:]) & np.isnan(ranges[:-1]))
-        same = np.all(equal, axis=1) & sees
         ways = np.hypot(*np.diff(self.odometry[self.rows, :2], axis=0).T)
-        most = now = 0.0
-        for frozen, way in zip(same.tolist(), ways.tolist(), strict=True):
-            now = now + way if frozen else 0.0
-            most = max(most, now)
-        return most
+        return _longest(np.all(equal, axis=1) & sees, ways), _longest(~sees, ways)
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -243,6 +244,15 @@ class Log:
         to_x, to_y, turn = self.odometry[i + 1].tolist()
         dx, dy, dtheta = relative((x, y, theta), (to_x, to_y, turn))
         return compose((x, y, theta), (share * dx, share * dy, share * dtheta))
+
+
+def _longest(those: NDArray[np.bool_], ways: Floats) -> float:
+    """The longest way without a break, of the (n,) ways of those, m."""
+    most = now = 0.0
+    for counts, way in zip(those.tolist(), ways.tolist(), strict=True):
+        now = now + way if counts else 0.0
+        most = max(most, now)
+    return most
 
 
 def with_errors(log: Log, share: float, seed: int) -> Log:
