@@ -12,11 +12,6 @@ from armadico.bridge.p2os.handshake import (
     DRAIN_S,
     ECHO_TIMEOUT_S,
     LINK_TIMEOUT_S,
-    TIMEOUTS_S,
-    TRANSITIONS,
-    Action,
-    Signal,
-    State,
 )
 from armadico.bridge.p2os.packets import Decoder, encode
 from armadico.bridge.p2os.profile import P2osRobot
@@ -67,10 +62,6 @@ def opened(session: Session, now: float = 0.0) -> Session:
     return session
 
 
-def test_the_first_bytes_of_all_close_what_may_be_open_then_sync0(session: Session) -> None:
-    assert session.outgoing() == CLOSE + SYNC0
-
-
 def test_the_handshake_ends_with_motors_on_at_zero_speed_and_limits_set(session: Session) -> None:
     session.outgoing()
     session.receive(SYNC0, 0.1)
@@ -112,19 +103,6 @@ def test_a_missing_answer_is_reported_and_requested_again(session: Session) -> N
     assert session.tick(2 * ECHO_TIMEOUT_S + DRAIN_S) == [Unanswered("the echo of SYNC0", 2)]
 
 
-def test_a_status_packet_instead_of_an_echo_closes_what_a_dead_client_left(
-    session: Session, profile: P2osRobot
-) -> None:
-    session.outgoing()
-    events = session.receive(status(profile), 0.05)
-    assert events == [Unanswered("the echo of SYNC0", 1, streaming=True)]
-    assert session.state is State.DRAIN
-    assert sent(session) == [(Cmd.VEL, 0), (Cmd.RVEL, 0), (Cmd.CLOSE, 0)]
-    session.receive(status(profile), 0.1)
-    assert session.tick(0.05 + DRAIN_S) == []
-    assert session.outgoing() == CLOSE + SYNC0
-
-
 def test_the_configuration_is_wanted_and_not_required(session: Session, profile: P2osRobot) -> None:
     opened(session)
     repeats = []
@@ -158,11 +136,6 @@ def test_an_enable_that_was_lost_is_repeated(session: Session, profile: P2osRobo
     session.receive(status(profile, motors_enabled=False), 0.1)
     session.tick(0.2)
     assert (Cmd.ENABLE, 1) in sent(session)
-
-
-def test_speeds_go_out_as_whole_mm_and_degrees_a_second(session: Session) -> None:
-    opened(session).drive(-0.1234, math.radians(20.4))
-    assert sent(session) == [(Cmd.VEL, -123), (Cmd.RVEL, 20)]
 
 
 def test_only_the_latest_speeds_go_out_and_only_once(session: Session) -> None:
@@ -201,23 +174,6 @@ def test_the_session_alone_never_feeds_the_watchdog(session: Session, profile: P
         if n == 15:
             session.outgoing()
     assert session.outgoing() == b""
-
-
-def test_silence_loses_the_link_and_begins_again(session: Session, profile: P2osRobot) -> None:
-    opened(session)
-    session.receive(status(profile), 0.4)
-    session.drive(0.3, 0)
-    assert passed(session, 0.4 + LINK_TIMEOUT_S) == [LinkLost("no status packet for 1.0 s")]
-    assert sent(session) == [(Cmd.VEL, 0), (Cmd.RVEL, 0), (Cmd.CLOSE, 0)]
-    assert not session.is_open
-
-
-@pytest.mark.parametrize("kind", [0xFE, 0xFF])
-def test_a_controller_that_was_reset_loses_the_link_at_once(session: Session, kind: int) -> None:
-    opened(session)
-    assert session.receive(encode(bytes([kind])), 0.5) == [
-        LinkLost("the controller was reset", reset=True)
-    ]
 
 
 def test_after_a_hang_zero_speeds_go_first_and_the_link_is_not_lost(
@@ -274,35 +230,6 @@ def test_close_stops_switches_off_and_ends(session: Session) -> None:
     assert session.outgoing() == CLOSE + SYNC0
 
 
-def test_a_transport_opened_again_begins_again(session: Session) -> None:
-    opened(session)
-    assert session.restart(0.5) == [LinkLost("the transport was opened again")]
-    assert session.outgoing() == CLOSE + SYNC0
-
-
-def test_packets_with_good_checksums_and_bad_contents_are_counted(session: Session) -> None:
-    opened(session)
-    assert session.receive(encode(b"\x32\x00"), 0.1) == []
-    assert session.line.malformed == 1
-
-
-def test_every_state_that_waits_has_a_time_out_and_a_way_on() -> None:
-    for state in set(State) - {State.CLOSED}:
-        assert TIMEOUTS_S[state] > 0
-        assert (state, Signal.SILENCE) in TRANSITIONS
-        assert (state, Signal.START) in TRANSITIONS
-        assert (state, Signal.CLOSE) in TRANSITIONS
-
-
-def test_every_beginning_closes_before_sync0_and_nothing_comes_before_that() -> None:
-    """SYNC0 is a pulse to a controller left open; MobileSim takes the first packet for a SYNC."""
-    for _, actions in TRANSITIONS.values():
-        if Action.SEND_SYNC0 in actions:
-            sends = [a for a in actions if a not in {Action.LOSE, Action.FORGET}]
-            assert sends == [Action.SEND_CLOSE, Action.SEND_SYNC0]
-            assert actions[-3] is Action.FORGET
-
-
 class FirstPacketIsSync:
     """MobileSim and AMRISim before OPEN: any first packet is the SYNC of its number."""
 
@@ -348,9 +275,3 @@ def test_a_controller_that_streams_and_never_answers_is_reported_repeatedly(
         events += session.tick(n / 10)
     assert all(isinstance(event, Unanswered) and event.streaming for event in events)
     assert len(events) > 10
-
-
-def test_every_end_of_an_open_link_but_closing_reports_it_as_lost() -> None:
-    for (state, signal), (_, actions) in TRANSITIONS.items():
-        if state is State.OPEN and signal is not Signal.CLOSE:
-            assert actions[0] is Action.LOSE
