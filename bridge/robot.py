@@ -140,20 +140,6 @@ class Orders:
     moving: bool = False  # whether the controller was last commanded to move
 
 
-class LineNotes:
-    """Limits how often the counts of the line are logged."""
-
-    def __init__(self) -> None:
-        self._logged, self._at = Line(), -inf
-
-    def is_news(self, line: Line, now: float) -> bool:
-        """Whether to log these counts, at a time (s)."""
-        if line == self._logged or now - self._at < LINE_LOG_S:
-            return False
-        self._logged, self._at = line, now
-        return True
-
-
 class Robot(DeviceAgent):
     """The robot, as other agents know it."""
 
@@ -202,7 +188,7 @@ class Robot(DeviceAgent):
             raise error.at(path, line_of(read_text(path), ("limits",))) from None
         self._touch, self._response = Touch(), Response(self.profile)
         self._obedience = Obedience(self.profile)
-        self._line_notes = LineNotes()
+        self._logged_line, self._line_logged_at = Line(), -inf
 
     def on_appeared(self, name: str, instance: str) -> None:  # noqa: ARG002
         """Publish the description with the next status packet, for the new agent."""
@@ -503,7 +489,8 @@ class Robot(DeviceAgent):
         session = self._session
         assert session is not None, "it has a line"
         line = session.line
-        if self._line_notes.is_news(line, self.now):
+        if line != self._logged_line and self.now - self._line_logged_at >= LINE_LOG_S:
+            self._logged_line, self._line_logged_at = line, self.now
             self.log(f"from the controller so far: {line.summary}", WARNING)
         return line
 

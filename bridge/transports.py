@@ -10,7 +10,7 @@ each sample.
 | `tcp://localhost:8101` | a client's: a simulator, or a serial server |
 
 The scheme of an address is the name of an entry point of `armadico.transports`, which opens it;
-those of ROS 2 are in `ros2.addresses`. A `PtyTransport` is a simulator's end of a serial line.
+those of ROS 2 are in `ros2.addresses`. A `serial_lines.PtyTransport` is a simulator's end.
 """
 
 from __future__ import annotations
@@ -19,26 +19,8 @@ import select
 import socket
 from urllib.parse import parse_qs, urlsplit
 
-from armadico.bridge.lines import (
-    CHUNK,
-    Transport,
-    TransportError,
-    advice,
-    broken,
-    ended,
-    not_open,
-)
-from armadico.bridge.serial_lines import BAUD, WRITE_S, PtyTransport, SerialTransport
-
-__all__ = [
-    "PtyTransport",
-    "SerialTransport",
-    "TcpTransport",
-    "Transport",
-    "TransportError",
-    "open_serial",
-    "open_tcp",
-]
+from armadico.bridge.lines import CHUNK, Transport, TransportError, advice, broken, ended, not_open
+from armadico.bridge.serial_lines import BAUD, WRITE_S, SerialTransport
 
 PORT = 8101  # where simulators of Pioneers listen
 CONNECT_S = 3.0

@@ -178,9 +178,14 @@ class PlanStep(Message, frozen=True):
 
     @classmethod
     def of(cls, do: str, **told: TomlValue) -> PlanStep:
-        """A step by its task's name: `PlanStep.of("move", to="R1")`."""
         """Return a step by its task's name: `PlanStep.of("move", to="R1")`."""
         return cls(do, tuple(Told.of(name, value) for name, value in told.items()))
+
+    @property
+    def place(self) -> TomlValue | None:
+        """Where it moves to, or None."""
+        arguments = {each.name: each.value for each in self.told}
+        return arguments.get("to") if self.do == "move" else None
 
     def __str__(self) -> str:
         """In the notation of the thesis: move(R1)."""

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import StrEnum
-from itertools import pairwise
 from math import atan2
 from typing import ClassVar
 
@@ -58,30 +57,42 @@ class Planner(Agent, hooks=("steps",)):
             return
         found = self.steps(request)
         if isinstance(found, str):
-            self._refuse(request, found)
+            self._refuse(request.id, found)
             return
         known = {place.name: Waypoint(place.x, place.y, 0.0) for place in request.places}
         blocked = request.surprise == Surprise.BLOCKED
         names = visited(found) if blocked else until_objective(found, request.ahead)
         strange = next((name for name in names if name not in known), None)
         if strange is not None:
-            self._refuse(request, f"no place {strange!r}")
+            self._refuse(request.id, f"no place {strange!r}")
             return
-        _Legs(self, request, found, [request.at, *(known[name] for name in names)]).query_next()
+        stops = [request.at, *(known[name] for name in names)]
+        self._add_costs(Subplan(request.id, self.instance, tuple(found)), stops)
 
     def fill_card(self, card: Card) -> Card:
         """Add the surprises that it plans for."""
         return replace(card, plans=tuple(map(str, self.plans)))
 
-    def _refuse(self, request: SubplanRequest, why: str) -> None:
-        self.publish(Subplan(request.id, self.instance, (), refusal=line(why)))
+    def _add_costs(self, subplan: Subplan, stops: list[Waypoint]) -> None:
+        """Query the cost of each leg between the stops; publish the sub-plan after the last."""
+        if len(stops) == 1:
+            self.publish(subplan)
+            return
+        start, goal, *_ = stops
 
+        def planned(plan: Plan | None) -> None:
+            if plan is None or plan.refusal:
+                why = "no path planning agent answered" if plan is None else plan.refusal
+                self._refuse(subplan.id, why)
+                return
+            length, energy = subplan.length + plan.length, subplan.energy + plan.energy
+            self._add_costs(replace(subplan, length=length, energy=energy), stops[1:])
 
-def place_of(step: PlanStep) -> str | None:
-    """Return where a step moves to, or None."""
-    arguments = {each.name: each.value for each in step.told}
-    to = arguments.get("to") if step.do == "move" else None
-    return to if isinstance(to, str) else None
+        heading = atan2(goal.y - start.y, goal.x - start.x)
+        self.query(PlanRequest(start, Waypoint(goal.x, goal.y, heading), "a sub-plan"), planned)
+
+    def _refuse(self, request: int, why: str) -> None:
+        self.publish(Subplan(request, self.instance, (), refusal=line(why)))
 
 
 def move(to: str) -> PlanStep:
@@ -92,16 +103,15 @@ def leading(steps: Sequence[PlanStep]) -> list[str]:
     """Return the places of the first moves: the last is the objective's."""
     places: list[str] = []
     for step in steps:
-        place = place_of(step)
-        if place is None:
+        if not isinstance(step.place, str):
             break
-        places.append(place)
+        places.append(step.place)
     return places
 
 
 def visited(steps: Sequence[PlanStep]) -> list[str]:
     """Return all places that are moved to, in order."""
-    return [place for step in steps if (place := place_of(step)) is not None]
+    return [place for step in steps if isinstance(place := step.place, str)]
 
 
 def until_objective(steps: Sequence[PlanStep], ahead: Sequence[PlanStep]) -> list[str]:
@@ -110,48 +120,3 @@ def until_objective(steps: Sequence[PlanStep], ahead: Sequence[PlanStep]) -> lis
     if there and there[-1] in after[:1]:
         after = after[1:]
     return there + after
-
-
-class _Legs:
-    """Queries the cost of a sub-plan, leg by leg."""
-
-    def __init__(
-        self,
-        planner: Planner,
-        request: SubplanRequest,
-        steps: Sequence[PlanStep],
-        stops: list[Waypoint],
-    ) -> None:
-        self._planner, self._request, self._steps = planner, request, tuple(steps)
-        self._legs = list(pairwise(stops))
-        self._length = self._energy = 0.0
-
-    def query_next(self) -> None:
-        """Query the next leg; publish the sub-plan after the last."""
-        if not self._legs:
-            self._planner.publish(
-                Subplan(
-                    self._request.id,
-                    self._planner.instance,
-                    self._steps,
-                    self._length,
-                    self._energy,
-                )
-            )
-            return
-        start, goal = self._legs.pop(0)
-        heading = atan2(goal.y - start.y, goal.x - start.x)
-        self._planner.query(
-            PlanRequest(start, Waypoint(goal.x, goal.y, heading), "a sub-plan"), self._planned
-        )
-
-    def _planned(self, plan: Plan | None) -> None:
-        if plan is None or plan.refusal:
-            why = "no path planning agent answered" if plan is None else plan.refusal
-            self._planner.publish(
-                Subplan(self._request.id, self._planner.instance, (), refusal=line(why))
-            )
-            return
-        self._length += plan.length
-        self._energy += plan.energy
-        self.query_next()

@@ -124,11 +124,11 @@ def merged(mission: Mission, course: Course, detour: tuple[PlanStep, ...]) -> Co
 
     If the detour ends in the place to which the mission moves next, that move is left out.
     """
-    end, frame = (_place(detour[-1]) if detour else None), course.frames[-1]
+    end, frame = (detour[-1].place if detour else None), course.frames[-1]
     after = _steps(mission, frame)[frame.step + frame.begun :]
     step = bound(after[0], _values(frame.told)) if after else None
     plain = step is not None and step.when is None and not step.otherwise and step.repeat == 1
-    drops = 1 if plain and step is not None and _place(plan_step(step)) == end is not None else 0
+    drops = 1 if plain and step is not None and plan_step(step).place == end is not None else 0
     return replace(course, detour=(*course.detour, *detour)[:AHEAD_MOST], drops=drops)
 
 
@@ -411,8 +411,3 @@ def _tasks(mission: Mission, step: Step, left: list[int]) -> Iterator[PlanStep]:
         return
     for each in procedure.steps:
         yield from _tasks(mission, bound(each, dict(step.arguments)), left)
-
-
-def _place(step: PlanStep) -> object:
-    """Return where a step moves to, or None."""
-    return _values(step.told).get("to") if step.do == "move" else None

@@ -79,8 +79,3 @@ class Coordinator:
         self._enquiry = None
         plans = [plan for plan in enquiry.answers.values() if not plan.refusal]
         enquiry.chosen(min(plans, key=lambda p: (p.energy, p.length, p.planner), default=None))
-
-    @property
-    def answers(self) -> dict[str, Subplan]:
-        """The answers so far."""
-        return {} if self._enquiry is None else dict(self._enquiry.answers)

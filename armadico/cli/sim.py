@@ -323,8 +323,8 @@ def _line(args: Options, name: str, stack: ExitStack) -> tuple[Line, str]:
     """The line of the options, and its address for a robot agent."""
     if args.ros2 is not None:
         return _in_network(args, name, stack), args.ros2
+    from armadico.bridge.serial_lines import PtyTransport
     from armadico.bridge.simulator.server import TcpLine
-    from armadico.bridge.transports import PtyTransport
     from armadico.cli.doctor import listener
 
     if args.pty is not None:

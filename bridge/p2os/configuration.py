@@ -1,14 +1,13 @@
 """CONFIGpac (type 20) and ENCODERpac (type 90): a controller's answers to queries.
 
-Controllers of different ages end the CONFIGpac at different fields: missing ones decode as zero. A
-CONFIGpac is requested but never required, since some real robots send it with a bad checksum.
+A CONFIGpac is requested but never required, since some real robots send it with a bad checksum, and
+its contents are not used: the simulated controller sends one for other clients.
 """
 
 from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterator
 from typing import Any
 
 from msgspec import Struct
@@ -126,13 +125,6 @@ def encode_configuration(configuration: Configuration) -> bytes:
     return b"".join(parts)
 
 
-def decode_configuration(payload: bytes) -> Configuration:
-    """Decode a CONFIGpac's payload. Raises ValueError if it is of another type."""
-    if payload[:1] != bytes([CONFIG]):
-        raise ValueError(f"not a CONFIGpac: {payload[:1].hex()}")
-    return Configuration(**dict(_read(payload[1:])))
-
-
 def encode_encoders(encoders: Encoders) -> bytes:
     """Encode an ENCODERpac's payload; counts wrap at 32 bits."""
     left, right = encoders.left & 0xFFFFFFFF, encoders.right & 0xFFFFFFFF
@@ -148,21 +140,6 @@ def decode_texts(data: bytes, count: int) -> tuple[str, ...]:
     """Decode up to `count` texts that end in NUL; missing ones are empty."""
     texts = data.split(b"\0")[:count]
     return tuple(text.decode("ascii", "replace") for text in texts) + ("",) * (count - len(texts))
-
-
-def _read(data: bytes) -> Iterator[tuple[str, Any]]:
-    """Yield the named fields that `data` contains."""
-    for attribute, form, unit in FIELDS:
-        value: str | float
-        if form == "s":
-            text, _, data = data.partition(b"\0")
-            value = text.decode("ascii", "replace")
-        else:
-            size = struct.calcsize(form)
-            number = int.from_bytes(data[:size], "little", signed=form.islower())
-            value, data = number if unit == 1 else number * unit, data[size:]
-        if attribute:
-            yield attribute, value
 
 
 def _pack(form: str, value: float) -> bytes:

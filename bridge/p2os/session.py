@@ -15,12 +15,7 @@ from dataclasses import dataclass
 
 from armadico.bridge.counting import Counts, Ration
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command, quantity
-from armadico.bridge.p2os.configuration import (
-    CONFIG,
-    Configuration,
-    decode_configuration,
-    decode_texts,
-)
+from armadico.bridge.p2os.configuration import CONFIG, decode_texts
 from armadico.bridge.p2os.handshake import (
     LINK_TIMEOUT_S,
     TIMEOUTS_S,
@@ -56,7 +51,7 @@ class Reported(Neutral, frozen=True, kw_only=True):
     status: Status
 
 
-Event = Connected | Unfit | Configuration | Reported | LinkLost | Unanswered
+Event = Connected | Unfit | Reported | LinkLost | Unanswered
 
 _SIGNALS = {
     0x00: Signal.ECHO0,
@@ -281,7 +276,6 @@ class Session:
             self._events.append(self._reported(status))
         elif kind == CONFIG:
             self._setup.configured = True
-            self._events.append(decode_configuration(payload))
 
     def _reported(self, status: Status) -> Reported:
         left, right = status.left_m_s, status.right_m_s

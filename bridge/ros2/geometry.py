@@ -3,28 +3,9 @@
 from __future__ import annotations
 
 from math import atan2, cos, sin
-from typing import Protocol
 
 from armadico.bridge.ros2.types import Point, Pose, Quaternion, Time
 from armadico.mobile.geometry import Pose2, wrap
-
-
-class Rotation(Protocol):
-    """A geometry_msgs/Quaternion, of any library."""
-
-    @property
-    def x(self) -> float:
-        """The axis times the sine of half the angle; likewise y and z."""
-
-    @property
-    def y(self) -> float: ...
-
-    @property
-    def z(self) -> float: ...
-
-    @property
-    def w(self) -> float:
-        """The cosine of half the angle."""
 
 
 def rotation(theta: float) -> Quaternion:
@@ -32,12 +13,12 @@ def rotation(theta: float) -> Quaternion:
     return Quaternion(z=sin(0.5 * theta), w=cos(0.5 * theta))
 
 
-def norm2(q: Rotation) -> float:
+def norm2(q: Quaternion) -> float:
     """The square of the norm: 1 for a rotation."""
     return q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z
 
 
-def yaw(q: Rotation) -> float:
+def yaw(q: Quaternion) -> float:
     """The heading of a rotation, rad, whatever its roll, pitch and norm."""
     return atan2(2.0 * (q.w * q.z + q.x * q.y), norm2(q) - 2.0 * (q.y * q.y + q.z * q.z))
 

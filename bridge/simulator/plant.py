@@ -30,7 +30,6 @@ from armadico.bridge.simulator.laser import LaserScanner, shifted
 from armadico.bridge.simulator.moving import STEP_S as MOVE_S
 from armadico.bridge.simulator.moving import Movement
 from armadico.bridge.simulator.sonar import Sonars, Surfaces
-from armadico.bridge.simulator.speed_loops import truncated
 from armadico.bridge.simulator.walls import TOUCH_M, Floats, Wall, Walls
 from armadico.config.moving import Moving
 from armadico.config.profile import IdentifiedRobot, ModelledRobot, SensorProfile
@@ -340,7 +339,7 @@ class Plant:
             if by_volts:
                 most = battery.volts
                 if not (-most <= one <= most and -most <= other <= most):
-                    one, other = truncated(one, other, most)
+                    one, other = max(-most, min(most, one)), max(-most, min(most, other))
             elif grip != 1.0:
                 one, other = grip * one, grip * other
             dynamics.accelerate(one, other)

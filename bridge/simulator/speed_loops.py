@@ -1,35 +1,17 @@
 """The microcontroller's two PI speed loops (thesis 4.6.1), one for v and one for w, in volts.
 
 The right motor (V2) gets the sum of both, the left one (V3) the difference. If a motor would need
-more than the supply, the S-approximation scales both voltages, which keeps the direction in (v, w).
-The T-approximation truncates each motor separately, so the robot turns differently. The robot uses
-S; T is for comparison.
+more than the supply, both voltages are scaled, which keeps the direction in (v, w): the thesis's
+S-approximation.
 """
 
 from __future__ import annotations
 
-from typing import Literal
-
 from armadico.config.profile import SpeedLoop
-
-Approximation = Literal["S", "T"]
 
 RESERVE_V = (2.2, 1.3)
 """Voltage for friction and for the lag behind a ramp, beside the back EMF, ahead and around. Chosen
 so that without contact the robot drives as without this limit."""
-
-
-def scaled(left_v: float, right_v: float, supply_v: float) -> tuple[float, float]:
-    """The S-approximation: the same direction, no motor above the supply, V."""
-    if -supply_v <= left_v <= supply_v and -supply_v <= right_v <= supply_v:
-        return left_v, right_v
-    share = supply_v / max(abs(left_v), abs(right_v))
-    return left_v * share, right_v * share
-
-
-def truncated(left_v: float, right_v: float, supply_v: float) -> tuple[float, float]:
-    """The T-approximation: each motor limited to the supply separately, V."""
-    return max(-supply_v, min(supply_v, left_v)), max(-supply_v, min(supply_v, right_v))
 
 
 class SpeedLoops:
@@ -43,14 +25,10 @@ class SpeedLoops:
     command to stop, because its error is zero.
     """
 
-    __slots__ = ("_emf", "_feasible", "_loop", "_sum_v", "_sum_w", "supply_v")
+    __slots__ = ("_emf", "_loop", "_sum_v", "_sum_w", "supply_v")
 
     def __init__(
-        self,
-        loop: SpeedLoop,
-        supply_v: float,
-        approximation: Approximation = "S",
-        emf: tuple[float, float] | None = None,
+        self, loop: SpeedLoop, supply_v: float, emf: tuple[float, float] | None = None
     ) -> None:
         """`emf`: voltage needed per m/s and per rad/s, V; None: integrals are not reduced."""
         self.supply_v = supply_v
@@ -60,7 +38,6 @@ class SpeedLoops:
             *(loop.angular_kp, loop.angular_ki),
             loop.antiwindup,
         )
-        self._feasible = scaled if approximation == "S" else truncated
         self._sum_v = self._sum_w = 0.0
 
     def reset(self) -> None:
@@ -84,7 +61,8 @@ class SpeedLoops:
         turning = kp_w * error_w + self._sum_w
         left, right, supply = common - turning, common + turning, self.supply_v
         if not (-supply <= left <= supply and -supply <= right <= supply):
-            left, right = self._feasible(left, right, supply)
+            share = supply / max(abs(left), abs(right))
+            left, right = left * share, right * share
         lost_v, lost_w = common - 0.5 * (right + left), turning - 0.5 * (right - left)
         self._sum_v += dt * (ki_v * error_v - antiwindup * lost_v)
         self._sum_w += dt * (ki_w * error_w - antiwindup * lost_w)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from armadico.agents.fleet.giveway import SPOKEN_S, UNSEEN_S
@@ -146,11 +144,6 @@ def test_the_message_says_what_is_held_wanted_and_waited_for(world: str) -> None
     )
     assert [claim.resource for claim in a.claims] == ["passage-0"]
     assert (a.waits, b.claims, b.through, b.waits) == (False, (), (0,), True)
-
-
-def test_a_map_that_is_not_there_ends_the_agent_at_its_start(tmp_path: Path) -> None:
-    with pytest.raises(Exception, match="none"):
-        Robot("a", str(tmp_path / "none.map"), 3.0, 15.0)
 
 
 def test_a_robot_that_was_stopped_before_a_passage_leaves_it_to_the_others(world: str) -> None:

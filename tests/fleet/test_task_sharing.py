@@ -133,19 +133,6 @@ class World:
         return all(not robot.sharing.open for robot in self.robots.values())
 
 
-def test_one_robot_does_all_of_it_alone() -> None:
-    world = World(1, 4, seed=1, loss=0.0)
-    world.run(4 * LOOK_S + 10.0)
-    assert sorted(world.did()) == [0, 1, 2, 3]
-
-
-def test_several_share_and_nothing_is_done_twice() -> None:
-    world = World(3, 9, seed=2, loss=0.0)
-    world.run(60.0)
-    assert sorted(world.did()) == list(range(9))
-    assert all(robot.did for robot in world.robots.values())
-
-
 def test_all_count_the_same_cycles() -> None:
     world = World(4, 1, seed=3, loss=0.0)
     world.run(20.05)
@@ -191,28 +178,6 @@ def test_nobody_claims_in_anothers_name_nor_what_is_no_task() -> None:
     assert sharing.mine == [0]
     sharing.on_claims(FleetClaims("r2", "fleet-r2", cycle, (forged,)), world.now)
     assert sharing.mine == [], "in its own name it does"
-
-
-def test_who_died_gives_its_tasks_back() -> None:
-    world = World(2, 2, seed=5, loss=0.0)
-    world.run(6.0)
-    dies = next(name for name, robot in world.robots.items() if robot.sharing.mine)
-    world.kill(dies)
-    (left,) = world.robots.values()
-    world.run(4 * PERIOD_S)
-    assert {*left.sharing.mine, *left.sharing.done} == {0, 1}
-
-
-def test_what_is_done_is_known_to_who_comes_later_and_to_who_was_started_again() -> None:
-    world = World(2, 3, seed=6, loss=0.0)
-    world.run(40.0)
-    assert world.over()
-    world.kill("r0")
-    world.enter("r0")
-    world.enter("r7")
-    world.run(20.0)
-    assert world.over()
-    assert sorted(world.did()) == [0, 1, 2]
 
 
 def test_what_is_done_is_a_set_that_only_grows() -> None:

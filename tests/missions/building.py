@@ -106,6 +106,14 @@ class Building:
         assert isinstance(reply, MissionReply)
         return reply.refusal
 
+    def exploring(self, kind: type[Agent]) -> tuple[Node, int]:
+        """Have an explore agent of a kind join, and a mission explore for 5 s. Its number, too."""
+        node = self.joins(kind)
+        self.run(1.0)
+        number = self.taken(text('do = "explore"'))
+        self.run(5.0)
+        return node, number
+
     def rings(self, room: str, *, on: bool = True) -> None:
         """Publish the begin or end of an alarm in a room."""
         self.rehearsal.client.publish(Alarm(room, on))
@@ -132,6 +140,11 @@ class Building:
 
     def ended(self, number: int) -> bool:
         return self.mission(number).over
+
+    def ends(self, number: int, seconds: float) -> BoardMission:
+        """Advance until a mission is over, for so many seconds at most."""
+        self.until(lambda: self.ended(number), seconds)
+        return self.mission(number)
 
     def steps(self, number: int) -> list[str]:
         """The completed steps of a mission, in order."""

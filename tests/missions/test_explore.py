@@ -171,6 +171,14 @@ class Desk(Alone):
         return found
 
 
+def exploring(**more: Any) -> Desk:
+    """Under way to the end of a hall."""
+    desk = Desk(hall())
+    desk.begin(**more)
+    desk.map(hall())
+    return desk
+
+
 def test_without_a_map_or_a_pose_nothing_begins() -> None:
     assert "no mapping/grid" in Desk().begin().refusal
     desk = Desk(hall())
@@ -213,9 +221,7 @@ def test_when_nothing_is_left_it_goes_home_and_is_done() -> None:
 
 
 def test_what_it_sees_on_the_way_home_is_explored_from_there() -> None:
-    desk = Desk(hall())
-    desk.begin(home=Waypoint(1.0, 1.0, 0.5))
-    desk.map(hall())
+    desk = exploring(home=Waypoint(1.0, 1.0, 0.5))
     desk.moved(3.5, 1.0)
     desk.map(hall(end=OCCUPIED))
     desk.status(MissionState.DRIVING)
@@ -253,9 +259,7 @@ def test_it_gets_out_of_a_gap_that_the_map_has_closed_behind_it(
 
 
 def test_a_way_that_turns_out_to_be_shut_is_planned_anew() -> None:
-    desk = Desk(hall())
-    desk.begin()
-    desk.map(hall())
+    desk = exploring()
     y = desk.sent[-1].goal.y
     desk.map(box(hall(), 2.0, y - 0.1, 2.1, y + 0.1, OCCUPIED))
     assert len(desk.sent) == 2
@@ -282,9 +286,7 @@ def test_a_place_that_it_does_not_come_nearer_to_is_tried_once_more_and_then_tol
 
 
 def test_coming_nearer_is_progress_and_so_is_a_stop() -> None:
-    desk = Desk(hall())
-    desk.begin()
-    desk.map(hall())
+    desk = exploring()
     for step in range(5):
         desk.moved(1.0, 1.0, 10.0)
         desk.map(hall())
@@ -295,9 +297,7 @@ def test_coming_nearer_is_progress_and_so_is_a_stop() -> None:
 
 
 def test_whoever_sends_the_robot_elsewhere_ends_it() -> None:
-    desk = Desk(hall())
-    desk.begin()
-    desk.map(hall())
+    desk = exploring()
     desk.map(hall(6.0))
     desk.status(MissionState.DRIVING, mission=1)  # late, of its own first
     assert desk.exploring.state is ExploreState.EXPLORING
@@ -307,9 +307,7 @@ def test_whoever_sends_the_robot_elsewhere_ends_it() -> None:
 
 
 def test_it_goes_on_once_the_robot_is_charged() -> None:
-    desk = Desk(hall())
-    desk.begin()
-    desk.map(hall())
+    desk = exploring()
     desk.charge(ChargeState.TO_DOCK)
     for state in (ChargeState.TO_DOCK, ChargeState.DOCKING, ChargeState.CHARGING):
         desk.charge(state)
@@ -332,9 +330,7 @@ def test_it_goes_on_once_the_robot_is_charged() -> None:
 
 
 def test_a_charger_that_gives_up_leaves_it_the_robot() -> None:
-    desk = Desk(hall())
-    desk.begin()
-    desk.map(hall())
+    desk = exploring()
     desk.charge(ChargeState.TO_DOCK)
     desk.status(MissionState.DRIVING, mission=77)
     desk.map(hall())
@@ -353,9 +349,7 @@ def test_missions_that_are_refused_and_a_map_that_ends_are_told() -> None:
     desk.map(hall())
     assert desk.exploring.state is ExploreState.FAILED
     assert "refused: no" in desk.exploring.note
-    desk = Desk(hall())
-    desk.begin()
-    desk.map(hall())
+    desk = exploring()
     desk.moved(1.0, 1.0, 20.0)
     desk.tick()
     assert "no map for 15 s" in desk.exploring.note
@@ -391,9 +385,7 @@ def test_a_map_that_moves_takes_its_places_along_and_another_target_is_chosen(
     order: tuple[int, ...],
 ) -> None:
     """Grid, change and pose of a revision come in any order: it is chosen once, with all three."""
-    desk = Desk(hall())
-    desk.begin(home=Waypoint(1.0, 1.0, 0.0))
-    desk.map(hall())
+    desk = exploring(home=Waypoint(1.0, 1.0, 0.0))
     count = len(desk.sent)
     higher = hall()
     higher = Cells(higher.x, higher.y + 1.0, higher.cell_m, higher.states)

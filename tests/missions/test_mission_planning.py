@@ -180,8 +180,7 @@ def test_who_watches_a_mission_that_is_cancelled_leaves_the_robot_to_the_next_on
 
     with AttachedRun(building.rehearsal.scenario, Options(), session) as run:
         assert run.run(cancel).done is False
-    building.until(lambda: building.ended(other), 60.0)
-    assert building.mission(other).state is MissionEnd.DONE
+    assert building.ends(other, 60.0).state is MissionEnd.DONE
 
 
 def test_a_mission_is_ordered_of_the_least_society_that_does_it(tmp_path: Path) -> None:
@@ -261,7 +260,7 @@ def test_a_task_whose_code_is_wrong_fails_its_step_and_ends_nobody(
     building = Building()
     monkeypatch.setattr(procedures, "task_class", lambda _: kind)
     number = building.taken(text('do = "wait", seconds = 1'))
-    building.until(lambda: building.ended(number), 5.0)
+    building.ends(number, 5.0)
     monkeypatch.undo()
     assert building.mission(number).state is end
     assert any(said in line for line in building.logs)
@@ -272,8 +271,7 @@ def test_a_task_whose_code_is_wrong_fails_its_step_and_ends_nobody(
 def test_a_way_that_is_shut_is_waited_for_and_then_the_step_fails() -> None:
     building = Building(without=("path-planning",))
     number = building.taken(text('do = "move", to = "R2", timeout_s = 20.0'))
-    building.until(lambda: building.ended(number), 60.0)
-    assert building.mission(number).note == "move(R2): not done within 20 s"
+    assert building.ends(number, 60.0).note == "move(R2): not done within 20 s"
 
 
 def test_a_stop_holds_the_mission_and_its_time_up() -> None:
@@ -284,8 +282,7 @@ def test_a_stop_holds_the_mission_and_its_time_up() -> None:
     building.run(20.0)
     assert not building.ended(number)
     building.rehearsal.client.resume(by="a test")
-    building.until(lambda: building.ended(number), 10.0)
-    assert building.mission(number).state is MissionEnd.DONE
+    assert building.ends(number, 10.0).state is MissionEnd.DONE
 
 
 class ToyExplorer(Agent):
@@ -312,13 +309,12 @@ def test_an_exploration_is_asked_for_and_waited_for() -> None:
     explorer: Any = building.joins(ToyExplorer).agent
     building.run(1.0)
     number = building.taken(text('do = "explore", within = [0, 0, 4, 4]'))
-    building.until(lambda: building.ended(number), 10.0)
-    assert building.mission(number).state is MissionEnd.DONE
+    assert building.ends(number, 10.0).state is MissionEnd.DONE
     assert explorer.asked_for == ExploreRequest(0.0, 0.0, 4.0, 4.0)
     explorer.refuses = "there is no map yet"
     number = building.taken(text('do = "explore"'))
-    building.until(lambda: building.ended(number), 45.0)  # it is asked again for 30 s
-    assert building.mission(number).note == "explore: there is no map yet"
+    # it is asked again for 30 s
+    assert building.ends(number, 45.0).note == "explore: there is no map yet"
 
 
 class SlowExplorer(Agent):
@@ -360,29 +356,21 @@ class SlowExplorer(Agent):
 
 def test_an_exploration_whose_agent_is_started_again_is_asked_for_anew() -> None:
     building = Building()
-    first = building.joins(SlowExplorer)
-    building.run(1.0)
-    number = building.taken(text('do = "explore"'))
-    building.run(5.0)
+    first, number = building.exploring(SlowExplorer)
     first.kill()
     building.run(5.0)
     second: Any = building.joins(SlowExplorer).agent
     building.until(lambda: second.state is ExploreState.EXPLORING, 10.0)
     second.state = ExploreState.DONE
-    building.until(lambda: building.ended(number), 5.0)
-    assert building.mission(number).state is MissionEnd.DONE
+    assert building.ends(number, 5.0).state is MissionEnd.DONE
 
 
 @pytest.mark.long
 def test_an_exploration_whose_agent_is_gone_for_good_fails() -> None:
     building = Building()
-    explorer = building.joins(SlowExplorer)
-    building.run(1.0)
-    number = building.taken(text('do = "explore"'))
-    building.run(5.0)
+    explorer, number = building.exploring(SlowExplorer)
     explorer.kill()
-    building.until(lambda: building.ended(number), 60.0)
-    assert building.mission(number).note == "explore: the explore agent says nothing"
+    assert building.ends(number, 60.0).note == "explore: the explore agent says nothing"
 
 
 class LateExplorer(SlowExplorer):
@@ -420,16 +408,13 @@ def test_a_charger_that_dies_and_is_back_costs_no_charge() -> None:
     building.run(8.0)  # nobody has answered
     assert not building.ended(number)
     building.rehearsal.enter("battery-charger")
-    building.until(lambda: building.ended(number), 900.0)
-    assert building.mission(number).state is MissionEnd.DONE
+    assert building.ends(number, 900.0).state is MissionEnd.DONE
 
 
 def test_an_exploration_ends_with_the_mission_that_is_cancelled() -> None:
     building = Building()
-    explorer: Any = building.joins(SlowExplorer).agent
-    building.run(1.0)
-    number = building.taken(text('do = "explore"'))
-    building.run(5.0)
+    node, number = building.exploring(SlowExplorer)
+    explorer: Any = node.agent
     assert explorer.state is ExploreState.EXPLORING
     building.cancel(number)
     building.run(6.0)
@@ -454,10 +439,8 @@ class Deaf(SlowExplorer):
 
 def test_an_exploration_that_nobody_wants_is_ended_as_often_as_it_goes_on() -> None:
     building = Building()
-    explorer: Any = building.joins(Deaf).agent
-    building.run(1.0)
-    number = building.taken(text('do = "explore"'))
-    building.run(5.0)
+    node, number = building.exploring(Deaf)
+    explorer: Any = node.agent
     building.cancel(number)
     building.run(30.0)
     assert explorer.heard > 1
@@ -467,8 +450,8 @@ def test_an_exploration_that_nobody_wants_is_ended_as_often_as_it_goes_on() -> N
 def test_without_a_dock_or_a_charger_a_dock_task_fails_and_says_so() -> None:
     building = Building(battery=Battery(charge=0.5), without=("battery-charger",))
     number = building.taken(text('do = "dock"'))
-    building.until(lambda: building.ended(number), 45.0)  # it is asked again for 30 s
-    assert building.mission(number).note == "dock: no agent charges"
+    # it is asked again for 30 s
+    assert building.ends(number, 45.0).note == "dock: no agent charges"
 
 
 def test_an_alarm_in_no_room_is_ignored_however_many_there_are() -> None:
@@ -532,7 +515,7 @@ def test_planner_agents_that_plan_for_it_are_asked_before_a_step_fails(
     refused = Plan((), refusal="the door is shut")
     monkeypatch.setattr(PathPlanning, "_plan", lambda *_: refused)
     number = building.taken(text(row))
-    building.until(lambda: building.ended(number), 150.0)
+    building.ends(number, 150.0)
     (request,) = building.heard(SubplanRequest)
     assert (request.surprise, request.before) == (surprise, ())
     (answer,) = building.heard(Subplan)
@@ -553,8 +536,7 @@ def test_a_step_that_fails_only_once_is_done_after_the_sub_plan() -> None:
     number = building.taken(text('do = "explore"'))
     building.until(lambda: bool(building.heard(SubplanRequest)), 60.0)
     explorer.refuses = ""
-    building.until(lambda: building.ended(number), 60.0)
-    assert building.mission(number).state is MissionEnd.DONE
+    assert building.ends(number, 60.0).state is MissionEnd.DONE
 
 
 def test_planner_agents_are_asked_when_the_energy_will_not_do() -> None:
@@ -575,7 +557,7 @@ def test_who_is_driven_away_while_it_stands_for_a_task_comes_back_to_it() -> Non
     building.until(lambda: building.pose().y < 3.0, 60.0)
     assert "not where it is to stand" in building.mission(number).note
     building.until(lambda: urgent.errand.stage is Stage.NONE, 60.0)
-    building.until(lambda: building.ended(number), 120.0)
+    building.ends(number, 120.0)
     (photo,) = building.heard(Photo)
     assert (photo.x, photo.y) == pytest.approx((2.0, 5.0), abs=0.2)
     assert building.mission(number).course.elapsed < 10.0
@@ -603,7 +585,7 @@ def test_a_mission_goes_on_where_it_was_when_mission_planning_is_started_again(
     building.node("mission-planning").kill()
     building.run(2.0)
     building.rehearsal.enter("mission-planning")
-    building.until(lambda: building.ended(number), 200.0)
+    building.ends(number, 200.0)
     after = building.mission(number)
     assert after.state is MissionEnd.DONE
     assert building.steps(number) == ["move(R2)", "take-photo", "move(hall)"]
@@ -621,8 +603,7 @@ def test_a_mission_outlives_the_death_and_restart_of_any_agent(name: str) -> Non
     building.node(name).kill()
     building.run(2.0)
     building.rehearsal.enter(name)
-    building.until(lambda: building.ended(number), 300.0)
-    assert building.mission(number).state is MissionEnd.DONE
+    assert building.ends(number, 300.0).state is MissionEnd.DONE
     assert building.steps(number) == ["move(R2)", "take-photo", "move(hall)"]
 
 
@@ -642,8 +623,7 @@ def test_what_stands_waits_while_nobody_knows_where_the_robot_is(rows: tuple[str
     building.run(5.0)
     assert building.mission(number).note == "the robot's pose is not known"
     building.rehearsal.enter("encoder")
-    building.until(lambda: building.ended(number), 30.0)
-    assert building.mission(number).state is MissionEnd.DONE
+    assert building.ends(number, 30.0).state is MissionEnd.DONE
 
 
 @pytest.mark.long
@@ -652,8 +632,7 @@ def test_a_photo_where_nobody_knows_where_the_robot_is_fails_in_the_end() -> Non
     number = building.taken(text('do = "take-photo", room = "hall", seconds = 6'))
     building.run(2.0)
     building.node("encoder").kill()
-    building.until(lambda: building.ended(number), 200.0)
-    assert building.mission(number).note.endswith("the robot's pose is not known")
+    assert building.ends(number, 200.0).note.endswith("the robot's pose is not known")
 
 
 @pytest.mark.long
@@ -671,7 +650,7 @@ def test_queue_suspended_missions_and_alarms_outlive_it_too() -> None:
     building.run(3.0)
     states = [building.mission(n).state for n in (first, queued, urgent)]
     assert states == [MissionEnd.SUSPENDED, MissionEnd.QUEUED, MissionEnd.ACTIVE]
-    building.until(lambda: building.ended(queued), 400.0)
+    building.ends(queued, 400.0)
     assert building.steps(first) == [
         *("move(R1)", "check-alarm(R1)"),
         *("move(R2)", "take-photo", "move(hall)"),
@@ -681,7 +660,7 @@ def test_queue_suspended_missions_and_alarms_outlive_it_too() -> None:
 def test_who_has_enough_already_is_charged_by_the_word() -> None:
     building = Building(battery=Battery(charge=0.95))
     number = building.taken(text('do = "dock", until = 0.5'))
-    building.until(lambda: building.ended(number), 30.0)
+    building.ends(number, 30.0)
     assert building.steps(number) == ["dock(0.5)"]
 
 
@@ -689,7 +668,7 @@ def test_who_has_enough_already_is_charged_by_the_word() -> None:
 def test_a_charge_of_which_nobody_can_say_how_far_it_is_fails() -> None:
     building = Building(without=("battery-sensor",))
     number = building.taken(text('do = "dock", else = [{ do = "wait", seconds = 1 }]'))
-    building.until(lambda: building.ended(number), 200.0)
+    building.ends(number, 200.0)
     (failed, _) = building.mission(number).course.results
     assert "the charge of the battery is not known" in failed.said
     assert building.steps(number) == ["wait(1.0)"]
@@ -712,8 +691,7 @@ def shut_in(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_charge_fails_where_no_way_leads_to_a_dock() -> None:
     building = Building(battery=Battery(charge=0.4))
     number = building.taken(text('do = "dock"'))
-    building.until(lambda: building.ended(number), 100.0)
-    assert building.mission(number).note == "dock: no way to any dock"
+    assert building.ends(number, 100.0).note == "dock: no way to any dock"
 
 
 @pytest.mark.long
@@ -722,6 +700,5 @@ def test_a_charger_that_knows_no_way_leaves_the_planner_to_others() -> None:
     building = Building(battery=Battery(charge=0.02))
     number = building.taken(text(NEAR, above='energy = "risk"'), 0.1)
     on_query = len(building.heard(Planned))
-    building.until(lambda: building.ended(number), 100.0)
-    assert building.mission(number).state is MissionEnd.DONE
+    assert building.ends(number, 100.0).state is MissionEnd.DONE
     assert len(building.heard(Planned)) - on_query < building.mesh.now

@@ -16,23 +16,7 @@ from armadico.config.scenarios import (
 from armadico.config.slots import slot
 from armadico.config.worlds import DOCK_LANE_M, load_world
 from armadico.core.config_errors import ConfigError
-
-OWN = """\
-world = "sc4"
-start = [1, 1, 0]
-goal = [8, 1, 0]
-waypoints = [
-  [1.5, 2, 90],
-  [1.5, 3.6, 0],
-]
-plan = "rooms"
-"""
-
-
-def own(folder: Path, text: str = OWN) -> Path:
-    file = folder / "own.toml"
-    file.write_text(text)
-    return file
+from tests.robot.config.test_scenarios import OWN, own
 
 
 def test_a_dock_that_a_wall_is_in_the_way_of_is_refused(tmp_path: Path) -> None:

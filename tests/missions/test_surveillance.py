@@ -205,11 +205,11 @@ def test_an_alarm_that_is_planned_for_while_the_mission_ends_is_the_next_one_s()
     above = 'on_alarm = "check-alarm"'
     first = building.taken(text('do = "wait", seconds = 2', above=above))
     building.rings("R21")
-    building.until(lambda: building.ended(first), 10.0)
+    building.ends(first, 10.0)
     mute.kill()
     building.run(1.0)
     second = building.taken(text('do = "wait", seconds = 1', above=above))
-    building.until(lambda: building.ended(second), 200.0)
+    building.ends(second, 200.0)
     assert "check-alarm(R21)" in building.steps(second)
 
 
@@ -235,7 +235,7 @@ def test_an_alarm_that_is_over_before_anybody_has_gone_is_let_be() -> None:
     building.run(1.0)
     building.rings("R21")
     building.rings("R21", on=False)
-    building.until(lambda: building.ended(number), 60.0)
+    building.ends(number, 60.0)
     assert building.steps(number) == ["wait(20.0)"]
     assert building.board is not None
     assert building.board.alarms == ()
@@ -245,7 +245,7 @@ def test_a_mission_that_does_not_heed_alarms_goes_on() -> None:
     building = Building()
     number = building.taken(text('do = "wait", seconds = 5'))
     building.rings("R21")
-    building.until(lambda: building.ended(number), 60.0)
+    building.ends(number, 60.0)
     assert building.heard(SubplanRequest) == []
     assert building.board is not None
     assert building.board.alarms == ("R21",)

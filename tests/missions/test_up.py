@@ -7,22 +7,11 @@ from pathlib import Path
 import pytest
 
 from armadico.cli.options import UsageError
-from armadico.cli.up import _place, _plan, _scenario, _started, main
+from armadico.cli.up import _scenario, main
 from armadico.config.needs import minimum, tasks
 from armadico.config.scenarios import society
 from armadico.launch.supervisor import Plan
-from armadico.mesh.topology import HOSTS_VARIABLE
-
-
-@pytest.fixture(autouse=True)
-def no_table(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(HOSTS_VARIABLE, raising=False)
-
-
-def plan(*words: str) -> Plan:
-    args = main.parse(words)
-    scenario = _started(args, _scenario(args))
-    return _plan(args, _place(args.mesh, scenario), scenario)
+from tests.robot.cli.test_up import no_table, plan  # noqa: F401 - a fixture
 
 
 def names(found: Plan) -> list[str]:

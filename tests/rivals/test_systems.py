@@ -43,13 +43,6 @@ CHAPTER_2 = (
     *("artis", "berra", "yavuz", "busquets", "socio-intentional", "tripodal", "vomas", "o2ca2"),
     *("dpaa", "rogi"),
 )
-OTHERS = (
-    *("aria", "missionlab", "teambots", "pyro", "nerd-herd", "alliance", "actress", "cebot"),
-    *("swarm-bots", "simba", "orocos", "idea", "roci", "claraty", "oaa", "player", "carmen"),
-    *("ade", "miro", "marie"),
-)
-"""The further systems that chapter 2 names: of several robots, and platforms."""
-
 AGENTS = (
     *("robot", "encoder", "sonar", "localization", "goto", "avoid", "gothrough", "relocate"),
     *("path-planning", "interface"),
@@ -66,12 +59,6 @@ def test_each_system_for_one_robot_of_chapter_2_has_a_mechanism_with_valid_param
     check(found)
     (arbiter,) = (each for each in found if each.name == AVAILABLE[name].arbiter)
     assert {*SYSTEMS[name].sets} <= {*arbiter.sets}
-
-
-@pytest.mark.parametrize("name", OTHERS)
-def test_each_other_system_of_chapter_2_runs_by_its_name_or_says_why_not(name: str) -> None:
-    assert bool(SYSTEMS[name].mechanism) is (name in AVAILABLE)
-    assert SYSTEMS[name].lacks
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import select
 import sys
 
 import rclpy
-from geometry_msgs.msg import Twist, TwistStamped
+from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import BatteryState, LaserScan, Range
@@ -29,16 +29,13 @@ def report(**event) -> None:
 def main() -> None:
     """Be the robot."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--name", default="robot")
     parser.add_argument("--namespace", default="")
     parser.add_argument("--best-effort", action="store_true", help="what it publishes")
     parser.add_argument("--latched", action="store_true", help="QoS for commands")
-    parser.add_argument("--plain", action="store_true", help="commands without a stamp")
-    parser.add_argument("--also-drives", action="store_true")
     parser.add_argument("--x", type=float, default=0.0)
     args = parser.parse_args()
     rclpy.init(args=[])
-    node = rclpy.create_node(args.name, namespace=args.namespace)
+    node = rclpy.create_node("robot", namespace=args.namespace)
     sent = QoSProfile(depth=10)
     if args.best_effort:
         sent.reliability = ReliabilityPolicy.BEST_EFFORT
@@ -51,13 +48,9 @@ def main() -> None:
     battery = node.create_publisher(BatteryState, "battery_state", 1)
 
     def on_command(message) -> None:
-        twist = message if args.plain else message.twist
-        report(v=twist.linear.x, w=twist.angular.z)
+        report(v=message.twist.linear.x, w=message.twist.angular.z)
 
-    kind = Twist if args.plain else TwistStamped
-    node.create_subscription(kind, "cmd_vel", on_command, read)
-    if args.also_drives:
-        node.create_publisher(kind, "cmd_vel", 1)
+    node.create_subscription(TwistStamped, "cmd_vel", on_command, read)
 
     count, quiet = 0, False
 

@@ -26,7 +26,7 @@ from sensor_msgs.msg import LaserScan
 STEP_S, TURN_S, REACH_M = 0.02, 0.2, 8.0
 ROOM = (0.0, 0.0, 4.0, 3.0)  # m: x and y of two corners
 PILLAR = (2.0, 2.4, 0.2)  # m: x, y and radius
-LATE_ODOM_S = 0.03
+LATE_ODOM_S, LATE_SCAN_S = 0.03, 0.15
 
 
 class Base:
@@ -83,20 +83,18 @@ class Base:
 def main() -> None:
     """Run until SIGTERM."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--name", default="some_base")
     parser.add_argument("--start", nargs=3, type=float, default=(1.0, 1.0, 0.0))
     parser.add_argument("--share", type=float, default=1.0, help="of the commanded speeds")
     parser.add_argument("--twist", action="store_true", help="read Twist, not TwistStamped")
     parser.add_argument("--no-speeds", action="store_true", help="a twist of 0 in the odometry")
     parser.add_argument("--clockwise", action="store_true", help="a negative angle_increment")
     parser.add_argument("--rays", choices=("360", "vary"), default="360", help="vary: 0 to 461")
-    parser.add_argument("--scan-late", type=float, default=0.15, help="age of the scans, s")
     run(parser.parse_args())
 
 
 def run(options: argparse.Namespace) -> None:
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    node, base = rclpy.create_node(options.name), Base(options)
+    node, base = rclpy.create_node("some_base"), Base(options)
     kind = Twist if options.twist else TwistStamped
 
     def obey(message: Twist | TwistStamped) -> None:
@@ -116,7 +114,7 @@ def run(options: argparse.Namespace) -> None:
         if count % 3 == 0:
             waiting.append((now + LATE_ODOM_S, odoms, odometry(base, now)))
         if count % 10 == 0 and count > 12:
-            waiting.append((now + options.scan_late, scans, scan(base, now, count // 10)))
+            waiting.append((now + LATE_SCAN_S, scans, scan(base, now, count // 10)))
         if count % 10 == 0:
             x, y, theta = base.pose
             truth = {"x": x, "y": y, "degrees": math.degrees(theta)}

@@ -13,13 +13,13 @@ from typing import Any
 
 import pytest
 
+from armadico.bridge.lines import Transport, TransportError
 from armadico.bridge.ros2 import cdr, types
 from armadico.bridge.ros2.addresses import open_ros2
 from armadico.bridge.ros2.frames import Wanted, frame
 from armadico.bridge.ros2.samples import Address
 from armadico.bridge.ros2.session import Session
 from armadico.bridge.session import Connected, Event, LinkLost, Reported
-from armadico.bridge.transports import Transport, TransportError
 from tests import real_ros
 from tests.ros2.kit import BURGER
 from tests.ros2.robot import End

@@ -96,13 +96,6 @@ def test_quality_that_does_match() -> None:
     assert seen([want], [Endpoint("/scan", SCAN, "/lidar", True, True, True)]).notes == ()
 
 
-def test_two_robots_in_one_place() -> None:
-    twin = Endpoint("/odom", ODOMETRY, "/twin", True)
-    assert seen([ODOM], [ROBOT, twin]).notes == (
-        "more than one robot publishes odometry here: /base, /twin",
-    )
-
-
 def test_two_robots_of_one_make_have_one_name() -> None:
     """As they come: both nodes are called so, and both would obey."""
     assert seen([ODOM], [ROBOT, ROBOT]) == Seen(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import combinations, pairwise
-from math import cos, inf, nan, pi, radians, tau
+from math import cos, inf, nan, pi, tau
 
 import numpy as np
 import pytest
@@ -14,7 +14,6 @@ from msgspec.structs import replace
 from armadico.bridge.ramps import RAMP_S
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.frames import Seen, control_frame, frame
-from armadico.bridge.ros2.session import LINK_TIMEOUT_S
 from armadico.bridge.session import (
     Connected,
     LinkLost,
@@ -74,21 +73,7 @@ def test_without_odometry_it_reports_what_arrives_instead() -> None:
     assert line.notes == [Noted("odom is a geometry_msgs/msg/Pose")]
 
 
-def test_speeds_for_an_absent_robot_are_discarded() -> None:
-    line = Line()
-    line.drive(0.2)
-    line.open()
-    assert set(line.speeds()) == {(0.0, 0.0)}
-
-
 # --- cycles
-
-
-@pytest.mark.parametrize("profile", [BURGER, JACKAL])
-def test_the_stamps_make_the_cycles(profile: object) -> None:
-    line = Line(profile)  # type: ignore[arg-type]
-    line.go(10.0)
-    assert len(line.of(Reported)) == pytest.approx(100, abs=1)
 
 
 def test_odometry_that_bunches_makes_as_many_cycles() -> None:
@@ -245,15 +230,6 @@ def test_impossible_speeds_are_rejected() -> None:
 
 
 # --- losing and finding it again
-
-
-def test_silence_loses_the_link_and_odometry_opens_it_again() -> None:
-    line = Line().open()
-    line.go(LINK_TIMEOUT_S + 0.1, odometry=False)
-    assert line.of(LinkLost) == [LinkLost("no odometry for 1.0 s")]
-    assert not line.session.is_open
-    line.go(0.2)
-    assert line.session.is_open
 
 
 def test_a_robot_that_starts_again_at_zero_goes_on_from_where_it_was() -> None:
@@ -443,13 +419,8 @@ def test_a_laser_with_another_clock_or_without_one_is_named(at: float | None, te
 CONTRADICTIONS = [
     # rays, angle_min, angle_increment, angle_max; whether it is refused
     (360, 0.0, tau / 360, tau, False),  # one ray too far, as of many a driver
-    (360, 0.0, tau / 360, tau * 359 / 360, False),
-    (720, -2.356, 4.712 / 719, 2.356, False),
     (360, 0.0, -tau / 360, -tau * 359 / 360, False),
     (360, -pi / 2, tau / 360, pi / 2, True),  # 180 degrees by one, 360 by the other
-    (180, -pi / 2, tau / 360, pi, True),
-    (360, 0.0, tau / 720, tau, True),
-    (360, 0.0, tau / 360, 0.0, True),
     (360, 0.0, -tau / 360, tau, True),  # clockwise by one, counter-clockwise by the other
     (360, 0.0, tau / 360, nan, True),
 ]
@@ -494,14 +465,6 @@ def test_what_the_robot_publishes_otherwise_than_its_profile_has_it_is_reported_
     assert line.report.scan is not None, "it is driven all the same"
 
 
-def test_a_jackal_whose_laser_looks_less_wide_is_reported() -> None:
-    line = Line(JACKAL).open()
-    line.scan([1.0] * 720, first=radians(-90), step=radians(180) / 719, frame_id="lidar2d_0_laser")
-    line.go(0.1)
-    (text,) = line.differs
-    assert "-90 to 90 degrees" in text
-
-
 def test_what_is_nearer_than_can_be_measured_is_as_near_as_can_be() -> None:
     """REP-117: -inf. NaN and 0 are for `core.scans` to leave out."""
     line = Line().open()
@@ -523,23 +486,6 @@ def test_a_range_that_makes_no_sense_is_the_profiles() -> None:
 
 
 # --- driving
-
-
-def test_speeds_go_up_the_ramps_and_down_them() -> None:
-    line = Line(JACKAL).open()
-    since = line.now
-    line.drive(1.0, -1.0)
-    line.go(1.0, v=0.5)
-    up = line.speeds(since)
-    assert up[-1] == (1.0, -1.0)
-    assert [v for v, _ in up] == sorted(v for v, _ in up)
-    since = line.now
-    line.session.stop()
-    line.flush()
-    line.go(1.0)
-    down = line.speeds(since)
-    assert down[-1] == (0.0, 0.0)
-    assert [v for v, _ in down] == sorted((v for v, _ in down), reverse=True)
 
 
 speeds = st.tuples(st.floats(-2.0, 2.0), st.floats(-4.0, 4.0))
@@ -837,26 +783,14 @@ def test_sonars_are_mounted_as_published() -> None:
 # --- hazards
 
 
-@pytest.mark.parametrize(
-    ("kind", "field", "value"),
-    [
-        (types.BUMP, "front_bumpers", 1),
-        (types.CLIFF, "front_bumpers", 2),
-        (types.BACKUP_LIMIT, "rear_bumpers", 1),
-        (types.STALL, "stalled", True),
-        (types.WHEEL_DROP, "lifted", True),
-    ],
-)
-def test_hazards_of_a_create_are_reported_in_the_next_cycle_only(
-    kind: int, field: str, value: int
-) -> None:
+def test_hazards_of_a_create_are_reported_in_the_next_cycle_only() -> None:
     line = Line(CREATE3).open()
-    line.publish("hazard_detection", hazards((kind, "somewhere")))
+    line.publish("hazard_detection", hazards((types.BUMP, "front"), (types.STALL, "left")))
     line.publish("hazard_detection", hazards())  # it was short
     line.go(0.1)
-    assert getattr(line.report, field) == value
+    assert (line.report.front_bumpers, line.report.stalled) == (1, True)
     line.go(0.1)
-    assert not getattr(line.report, field)
+    assert (line.report.front_bumpers, line.report.stalled) == (0, False)
 
 
 def test_an_object_that_is_near_is_no_hazard() -> None:

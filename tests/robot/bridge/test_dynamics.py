@@ -74,14 +74,6 @@ def test_a_pure_rotation_holds_the_caster_at_its_own_angle() -> None:
     assert abs(dynamics.beta) == pytest.approx(expected, abs=1e-6)
 
 
-def test_driving_ahead_swings_the_caster_behind() -> None:
-    """But for what the friction of its pivot holds: half a degree."""
-    dynamics = at(beta=3.0)
-    for _ in range(1000):
-        dynamics.step(6, 6)
-    assert dynamics.beta == pytest.approx(0.0, abs=0.01)
-
-
 def test_breakaway_voltage() -> None:
     assert breakaway_v(PROFILE) == pytest.approx(0.857, abs=0.001)
 
@@ -157,17 +149,6 @@ def test_without_losses_energy_is_kept_as_the_step_shrinks() -> None:
 
 def test_the_casters_friction_takes_energy() -> None:
     assert free_energy_change(1e-4, caster_viscous_nms=0.01) < -0.01
-
-
-def test_the_motors_lag_is_of_second_order_in_the_step() -> None:
-    """Speed on the rise, where back EMF counts most: 20 ms are as good as 1 ms."""
-    speeds = []
-    for dt in (0.001, 0.02):
-        dynamics = at(dt=dt)
-        for _ in range(round(0.2 / dt)):
-            dynamics.step(12, 12)
-        speeds.append(dynamics.v)
-    assert speeds[1] == pytest.approx(speeds[0], rel=0.001)
 
 
 def end_of_drive(dt: float) -> tuple[float, float, float]:

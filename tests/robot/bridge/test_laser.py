@@ -156,10 +156,6 @@ def test_rays_are_lost_at_the_rate_of_the_sensors() -> None:
     assert np.isinf(seen).mean() == pytest.approx(0.1, abs=0.03)
 
 
-def test_nothing_at_all_is_seen_in_an_empty_world() -> None:
-    assert np.isinf(lasers(FRONT, [])[0].scan(AT)).all()
-
-
 @pytest.mark.parametrize("laser", [FRONT, replace(FRONT, upside_down=True), AROUND])
 def test_a_scan_taken_while_moving_is_corrected_to_one_pose(laser: Laser) -> None:
     walls = [(-3.0, -2.0, 4.0, -2.0), (4.0, -2.0, 4.0, 3.0), (4.0, 3.0, -3.0, 3.0)]

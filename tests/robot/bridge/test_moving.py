@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
-from math import dist, hypot, inf, pi
+from math import dist, inf, pi
 
 import msgspec
 import pytest
 
-from armadico.bridge.simulator.moving import APPEAR_M, HEED_M, Gap, pushed
+from armadico.bridge.simulator.moving import APPEAR_M, HEED_M, Gap
 from armadico.bridge.simulator.pioneer import Pioneer
 from armadico.bridge.simulator.plant import Plant, Site, seeded
 from armadico.bridge.simulator.robots import Stage
@@ -147,18 +147,6 @@ def test_a_person_who_walks_along_a_standing_robot_touches_it(
     someone._vx, someone._vy = 0.0, 0.7  # square to the way between them
     there = Gap(0.25, 1.0, 0.0, 1.0, 0.0, comes, goes, 0.45, 0.0, 0.0)
     assert someone.walks_into(lambda _x, _y: there) == his
-
-
-def test_a_robot_pushes_to_where_it_does_not_go() -> None:
-    def gap(x: float, y: float, step: float) -> Gap:
-        away = hypot(x, y)
-        return Gap(away, x / away, y / away, x / away, y / away, 0.0, 0.0, away, step, 0.0)
-
-    ahead, aside, behind = pushed(gap(1.5, 0.2, 1.4)), pushed(gap(0.7, 1.0, 1.4)), gap(-1.5, 0.0, 1)
-    assert ahead[1] > 1.0
-    assert 0.0 < aside[1] < ahead[1]
-    assert hypot(*pushed(behind)) < 0.1
-    assert pushed(gap(0.5, 0.0, 0.0)) == (0.0, 0.0)
 
 
 def test_the_truth_has_the_cause_of_a_contact() -> None:

@@ -80,18 +80,11 @@ CONTROLLERS = [
     ("Pioneer", "p2dx", "pioneer-16", True, ()),
     ("Pioneer", "p2de", "pioneer-2dx", False, ()),
     ("Pioneer", "p3dx", "pioneer-2dx", False, ("pioneer-3dx",)),
-    ("Pioneer", "p3dx-sh", "pioneer-2dx", False, ("pioneer-3dx",)),
     ("Pioneer", "p3at-sh", "pioneer-2dx", False, ("pioneer-3at",)),
-    ("Pioneer", "amigo-sh", "pioneer-2dx", False, ("amigobot",)),
     ("Pioneer", "p3dx-sh", "pioneer-3dx", True, ()),
     ("Pioneer", "p3dx-sh-lms1xx", "pioneer-3dx", True, ()),
-    ("Pioneer", "p3dx", "pioneer-3dx", True, ()),
-    ("Pioneer", "p3at-sh", "pioneer-3dx", False, ("pioneer-3at",)),
     ("Pioneer", "p2dx", "pioneer-3dx", False, ("pioneer-2dx", "pioneer-16")),
     ("Pioneer", "p3at-sh", "pioneer-3at", True, ()),
-    ("Pioneer", "p3at", "pioneer-3at", True, ()),
-    ("Pioneer", "p3dx-sh", "pioneer-3at", False, ("pioneer-3dx",)),
-    ("Pioneer", "p2dx", "amigobot", False, ("pioneer-2dx", "pioneer-16")),
     ("Pioneer", "powerbot-sh", "pioneer-3dx", False, ()),
     ("Toaster", "p2dx", "pioneer-2dx", False, ()),
     ("", "", "pioneer-2dx", False, ()),
@@ -263,13 +256,16 @@ def test_once_they_are_on_again_a_new_link_switches_them_on(ready: Bench) -> Non
     assert ready.sent(Cmd.ENABLE, began)
 
 
-def test_each_status_packet_is_a_cycle_and_its_sonars_are_of_it(bench: Bench) -> None:
+def test_each_status_packet_is_a_cycle_with_its_sonars_and_one_ack(
+    bench: Bench,
+) -> None:
     bench.connect().cycles(5)
     states = [m for _, m in bench.published if isinstance(m, RobotState)]
     sonars = [m for _, m in bench.published if isinstance(m, Sonar)]
     assert [s.cycle.number for s in states] == [1, 2, 3, 4, 5]
     assert len({s.cycle.epoch for s in states}) == 1
     assert [s.cycle for s in sonars] == [s.cycle for s in states]
+    assert [m.cycle for _, m in bench.published if isinstance(m, Ack)] == [s.cycle for s in states]
 
 
 def test_each_start_has_an_epoch_of_its_own() -> None:
@@ -380,15 +376,6 @@ def test_refused_commands_do_not_put_the_stop_off(ready: Bench) -> None:
         ready.command(9.0)
         ready.command(0.3, ballot=Ballot(1, 1.0, False, "ghost-1"))
     assert 0 in ready.speeds(began + 0.01)
-
-
-def test_commands_each_cycle_keep_it_moving(ready: Bench) -> None:
-    began = ready.now
-    for _ in range(20):
-        ready.command(0.3)
-        ready.let_pass(0.1)
-        ready.status(left_m_s=0.3, right_m_s=0.3)
-    assert set(ready.speeds(began)) == {300}
 
 
 def test_after_a_hang_what_waited_is_not_obeyed(ready: Bench) -> None:
@@ -858,13 +845,6 @@ def test_below_a_scenarios_limit_it_drives_the_same_arc_slower_and_publishes_the
     assert limited.robot.description().v_max == 0.4
     limited.command(0.3 * forwards, 0.5)
     assert limited.speeds()[-1] == 300 * forwards
-
-
-def test_each_cycle_is_acknowledged_once(bench: Bench) -> None:
-    bench.connect().cycles(10)
-    states = [m.cycle for _, m in bench.published if isinstance(m, RobotState)]
-    acks = [m.cycle for _, m in bench.published if isinstance(m, Ack)]
-    assert acks == states
 
 
 def test_after_a_gap_of_the_controller_a_command_of_before_is_not_obeyed(ready: Bench) -> None:

@@ -163,21 +163,6 @@ def test_ranges_stay_between_the_sensors_limits() -> None:
     assert ring([]).ping(LEFT, HOME) is None
 
 
-def test_a_wall_behind_the_sensor_is_not_detected() -> None:
-    assert ring([(-3.0, -1.0, 3.0, -1.0)]).ping(LEFT, HOME) is None
-
-
-def test_the_same_seed_repeats_and_another_does_not() -> None:
-    walls = [(-3.0, 1.0, 3.0, 1.0)]
-
-    def pings(seed: int) -> list[float | None]:
-        sonars = ring(walls, IDEAL, seed)
-        return [sonars.ping(k % 8, HOME) for k in range(200)]
-
-    assert pings(3) == pings(3)
-    assert pings(3) != pings(4)
-
-
 def test_another_wall_does_not_shift_the_noise_of_the_others() -> None:
     near, extra = (-3.0, 1.0, 3.0, 1.0), (-3.0, -1.0, 3.0, -1.0)
     alone, both = ring([near], IDEAL), ring([near, extra], IDEAL)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import pytest
 
 from armadico.bridge.simulator.dynamics import Dynamics
@@ -17,8 +15,8 @@ TURNING = [(0.0, w) for w in (0.2, 0.5, 1.0, 2.0, 4.0, -1.0)]
 COUPLED = [(0.3, 0.5), (0.5, 1.0), (1.0, 2.0), (1.4, 2.0), (-0.5, 1.0)]
 
 
-def loops(approximation: Literal["S", "T"] = "S") -> SpeedLoops:
-    return SpeedLoops(PROFILE.speed_loop, SUPPLY_V, approximation)
+def loops() -> SpeedLoops:
+    return SpeedLoops(PROFILE.speed_loop, SUPPLY_V)
 
 
 def response(v: float, w: float, seconds: float = 4.0) -> list[tuple[float, float]]:
@@ -60,32 +58,22 @@ def parts(left_v: float, right_v: float) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(("v", "w"), [(1.6, 2.0), (1.4, -4.0), (-1.6, 3.0)])
-def test_scaling_keeps_the_direction_where_truncation_does_not(v: float, w: float) -> None:
+def test_voltages_beyond_the_supply_are_scaled_and_keep_the_direction(v: float, w: float) -> None:
     wanted = SpeedLoops(PROFILE.speed_loop, 1e6).voltages(v, w, 0.0, 0.0, STEP_S)
-    scaled = loops("S").voltages(v, w, 0.0, 0.0, STEP_S)
-    cut = loops("T").voltages(v, w, 0.0, 0.0, STEP_S)
+    scaled = loops().voltages(v, w, 0.0, 0.0, STEP_S)
     ahead, turning = parts(*wanted)
     assert max(map(abs, wanted)) > SUPPLY_V
     assert max(map(abs, scaled)) == pytest.approx(SUPPLY_V)
     assert parts(*scaled)[1] / parts(*scaled)[0] == pytest.approx(turning / ahead)
-    assert max(map(abs, cut)) == SUPPLY_V
-    assert abs(parts(*cut)[1] / parts(*cut)[0]) != pytest.approx(abs(turning / ahead), rel=0.1)
 
 
-@pytest.mark.parametrize("approximation", ["S", "T"])
-def test_no_motor_gets_more_than_the_supply(approximation: Literal["S", "T"]) -> None:
-    pi, dynamics = loops(approximation), Dynamics(PROFILE, STEP_S)
+def test_no_motor_gets_more_than_the_supply() -> None:
+    pi, dynamics = loops(), Dynamics(PROFILE, STEP_S)
     for k in range(2000):
         v, w = (1.6, 5.0) if k % 500 < 250 else (-1.6, -5.0)
         voltages = pi.voltages(v, w, dynamics.v, dynamics.w, STEP_S)
         assert max(map(abs, voltages)) <= SUPPLY_V + 1e-9
         dynamics.step(*voltages)
-
-
-def test_within_the_supply_both_approximations_are_the_same() -> None:
-    assert loops("S").voltages(0.5, 0.5, 0.4, 0.4, STEP_S) == loops("T").voltages(
-        0.5, 0.5, 0.4, 0.4, STEP_S
-    )
 
 
 def test_integrals_do_not_wind_up_against_a_wall() -> None:

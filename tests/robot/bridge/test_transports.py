@@ -10,12 +10,9 @@ from pathlib import Path
 import pytest
 import serial
 
+from armadico.bridge.lines import Transport, TransportError
 from armadico.bridge.serial_lines import PtyTransport, SerialTransport
-from armadico.bridge.transports import (
-    TcpTransport,
-    Transport,
-    TransportError,
-)
+from armadico.bridge.transports import TcpTransport
 from armadico.runtime.port_reader import open_port
 
 ALL_BYTES = bytes(range(256))

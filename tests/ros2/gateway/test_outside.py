@@ -94,8 +94,8 @@ def test_beside_a_ros2_robot_its_topics_are_not_published() -> None:
     stage = Stage(beside=True)
     stage.publish(STATE, POSE)
     assert stage.wire.sent.count("/tf") == 1, "the map's frame alone"
-    assert not {"/odom", "/battery_state", "/scan"} & stage.wire.wanted.keys()
-    assert {"/tf", "/pose", "/map", "/path"} <= stage.wire.wanted.keys()
+    own = {"/odom", "/battery_state", "/scan", "/sonar", "/tf_static"}
+    assert stage.wire.wanted.keys() == ({c.topic for c in Society().channels} - own) | {GOAL, "/tf"}
     assert "/odom" not in stage.wire.sent
 
 

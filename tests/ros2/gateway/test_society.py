@@ -385,29 +385,6 @@ def test_several_robots_share_the_map_and_nothing_else() -> None:
 # Channels -----------------------------------------------------------------------------------------
 
 
-def test_maps_paths_and_static_transforms_are_latched() -> None:
-    latched = {c.topic for c in Society().channels if c.latched}
-    assert latched == {"/tf_static", "/map", "/local_map", "/graph", "/path"}
-
-
-def test_topics_that_a_ros2_robot_publishes_itself_are_marked() -> None:
-    own = {c.topic for c in Society().channels if c.own}
-    assert own == {"/tf", "/tf_static", "/odom", "/scan", "/sonar", "/battery_state"}
-    society = Society()
-    samples = [
-        s
-        for message in (state(), Pose(cycle(), 0, 0, 0))
-        for s in society.translate("", message, NOW)
-    ]
-    corrected = {
-        transform.child_frame_id
-        for channel, data in samples
-        if channel.topic == "/tf" and not channel.own
-        for transform in cdr.decode(types.TFMessage, data).transforms
-    }
-    assert corrected == {"odom"}
-
-
 # Goals --------------------------------------------------------------------------------------------
 
 

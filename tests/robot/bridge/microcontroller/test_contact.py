@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING
 import pytest
 
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command, set_pose
-from armadico.bridge.p2os.configuration import decode_configuration
 from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.bridge.simulator.pioneer import Pioneer
 from armadico.bridge.simulator.plant import Plant, Site, seeded
 from armadico.bridge.simulator.robots import Stage
 from armadico.bridge.simulator.speed_loops import SpeedLoops
-from armadico.config.loading import find, load_entry
-from armadico.config.profile import SensorProfile
+from tests.robot.bridge.kit import IDEAL
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -45,9 +43,8 @@ class Metered(Plant):
 @pytest.fixture
 def walled(make: Callable[..., Bench], profile: P2osRobot) -> tuple[Bench, Metered]:
     """A robot that has pushed a wall ahead of it for two seconds, at 0.3 m/s."""
-    ideal = load_entry(find("robots", "sensors"), SensorProfile, "ideal")
     wall = (WALL_X, -3.0, WALL_X, 3.0)
-    plant = Metered(profile, ideal, Site([wall], (0.3, 0.0, 0.0)), seeded(1))
+    plant = Metered(profile, IDEAL, Site([wall], (0.3, 0.0, 0.0)), seeded(1))
     bench = make(profile)
     loops = SpeedLoops(profile.speed_loop, profile.motor.supply_v)
     bench.controller = Microcontroller(profile, plant, loops)
@@ -125,19 +122,11 @@ def test_a_move_that_was_held_goes_on_from_where_the_wheels_are(
     assert plant.odometry[0] - start == pytest.approx(1.0, abs=0.02)
 
 
-def test_the_configuration_has_the_limits_of_a_stall(robot: Bench) -> None:
-    robot.send(Cmd.CONFIG, 1)
-    configuration = decode_configuration(robot.run(0)[-1])
-    assert 0 < configuration.stall_pwm < configuration.pwm_max
-    assert configuration.stall_s == pytest.approx(0.2)
-
-
 @pytest.mark.parametrize(("gap", "degrees"), [(0.03, 20), (0.05, 60), (0.07, 100)])
 def test_turning_off_a_wall_it_does_not_lurch(profile: P2osRobot, gap: float, degrees: int) -> None:
     """It pushes itself off with a corner, and its loops wind up as long as the wall holds it."""
-    ideal = load_entry(find("robots", "sensors"), SensorProfile, "ideal")
     aside = profile.body.width_m / 2 + gap
-    robot = Pioneer(profile, Stage(ideal, Site([(-3.0, aside, 3.0, aside)]), seeded(1)))
+    robot = Pioneer(profile, Stage(IDEAL, Site([(-3.0, aside, 3.0, aside)]), seeded(1)))
     for packet in (SYNC0, SYNC1, SYNC2, command(Cmd.OPEN), command(Cmd.ENABLE, 1)):
         robot.controller.receive(packet)
     robot.controller.receive(command(Cmd.RVEL, degrees))

@@ -4,25 +4,18 @@ from __future__ import annotations
 
 import itertools
 import math
-import tomllib
 from collections.abc import Callable
-from importlib.resources import files
 from typing import TYPE_CHECKING
 
-import msgspec
 import pytest
 
-from armadico.bridge.p2os.commands import (
-    Cmd,
-)
-from armadico.bridge.p2os.configuration import (
-    decode_configuration,
-)
+from armadico.bridge.p2os.commands import Cmd
 from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.bridge.simulator.plant import Plant, Site, seeded
 from armadico.bridge.simulator.speed_loops import SpeedLoops
-from armadico.config.profile import SensorProfile
+from tests.robot.bridge.kit import IDEAL
+from tests.robot.bridge.units import decode_configuration
 
 if TYPE_CHECKING:
     from conftest import Bench
@@ -32,8 +25,7 @@ DEGREE = math.pi / 180
 
 def on_a_plant(bench: Bench, profile: P2osRobot) -> Plant:
     """Give a bench a controller whose motors drive a plant."""
-    ideal = tomllib.loads((files("armadico.configs") / "robots" / "sensors.toml").read_text())
-    plant = Plant(profile, msgspec.convert(ideal["ideal"], SensorProfile), Site(), seeded(1))
+    plant = Plant(profile, IDEAL, Site(), seeded(1))
     loops = SpeedLoops(profile.speed_loop, profile.motor.supply_v)
     bench.controller = Microcontroller(profile, plant, loops)
     return plant

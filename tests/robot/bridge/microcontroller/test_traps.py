@@ -14,15 +14,12 @@ from armadico.bridge.simulator.pioneer import Pioneer
 from armadico.bridge.simulator.plant import Site, seeded
 from armadico.bridge.simulator.robots import Stage
 from armadico.bridge.simulator.traps import KIND, Trap
-from armadico.config.loading import find, load_entry
-from armadico.config.profile import SensorProfile
+from tests.robot.bridge.kit import IDEAL
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from conftest import Bench
-
-    from armadico.config.profile import P2osRobot
 
 ZERO = command(Cmd.VEL, 0)
 
@@ -91,13 +88,12 @@ def test_status_packets_are_those_of_arcos_or_of_p2os(
 
 def test_a_sonar_may_be_a_single_ray(profile: P2osRobot) -> None:
     """Sonar 3 looks 10 degrees to the left; a post stands 8 degrees beside that, 2 m away."""
-    ideal = load_entry(find("robots", "sensors"), SensorProfile, "ideal")
     mount = profile.sonar.sonars[3]
     heading = math.radians(mount.bearing_deg + 8)
     x, y = mount.x_m + 2 * math.cos(heading), mount.y_m + 2 * math.sin(heading)
     post = (x, y - 0.05, x, y + 0.05)
     kind, unkind = (
-        Pioneer(profile, Stage(ideal, Site([post]), seeded(1), traps=traps)).plant.ping(3)
+        Pioneer(profile, Stage(IDEAL, Site([post]), seeded(1), traps=traps)).plant.ping(3)
         for traps in (KIND, frozenset({Trap.RAYS}))
     )
     assert kind == pytest.approx(2.0, abs=0.1)

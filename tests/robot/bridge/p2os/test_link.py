@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import pytest
 
 from armadico.bridge.p2os.commands import SYNC0
-from armadico.bridge.p2os.configuration import Configuration
 from armadico.bridge.p2os.session import Connected, LinkLost, Reported, State
 
 if TYPE_CHECKING:
@@ -22,7 +21,6 @@ def kinds(events: list[object], kind: type) -> list[object]:
 def test_a_session_opens_and_cycles_come_ten_times_a_second(link: Link) -> None:
     events = link.let_pass(2.05)
     assert kinds(events, Connected) == [Connected("Armadico", "Pioneer", "p2dx")]
-    assert len(kinds(events, Configuration)) == 1
     reports = kinds(events, Reported)
     assert 18 <= len(reports) <= 20
     assert reports[-1].status.motors_enabled

@@ -12,13 +12,12 @@ from msgspec.structs import replace
 
 from armadico.bridge.p2os.configuration import (
     Configuration,
-    decode_configuration,
     decode_texts,
     encode_configuration,
     encode_text,
 )
 from armadico.bridge.p2os.status import Status, decode_status, encode_status
-from tests.robot.bridge.units import UNITS
+from tests.robot.bridge.units import UNITS, decode_configuration
 
 SPAN_M = 32768 * 0.84e-3
 
@@ -143,47 +142,10 @@ def test_angles_counted_from_0_to_4095_mean_the_same() -> None:
     assert theta(4095) == theta(-1)
 
 
-@given(st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=19), st.integers(0, 60))
-def test_a_configuration_crosses_the_wire(name: str, degrees: int) -> None:
-    sent = Configuration(
-        class_name="Pioneer",
-        subclass="p2dx",
-        serial_number="SIM",
-        name=name,
-        version="1.K",
-        v_top=1.6,
-        w_max=math.radians(degrees),
-        v_accel=0.3,
-        cycle_s=0.1,
-        watchdog_s=2.0,
-        low_battery_v=11.5,
-        front_sonar=1,
-        auto_baud=2,
-    )
-    got = decode_configuration(encode_configuration(sent))
-    for field in sent.__struct_fields__:
-        expected = getattr(sent, field)
-        assert getattr(got, field) == (
-            expected if isinstance(expected, str) else pytest.approx(expected)
-        )
-
-
-def test_a_configuration_that_ends_early_reads_as_zero_from_there() -> None:
-    whole = encode_configuration(Configuration(name="x", v_top=1.6, watchdog_s=2.0, version="9"))
-    short = decode_configuration(whole[: whole.index(b"x") + 2])
-    assert short.v_top == pytest.approx(1.6)
-    assert (short.watchdog_s, short.version) == (0, "")
-
-
 def test_a_configuration_field_too_large_for_the_wire_is_sent_as_its_most() -> None:
     assert decode_configuration(
         encode_configuration(Configuration(cycle_s=9.0))
     ).cycle_s == pytest.approx(0.255)
-
-
-def test_a_packet_of_another_type_is_no_configuration() -> None:
-    with pytest.raises(ValueError, match="not a CONFIGpac"):
-        decode_configuration(b"\x32abc")
 
 
 def test_names_are_cut_to_what_clients_hold() -> None:

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 from armadico.bridge.p2os.commands import Cmd, decode_command
-from armadico.bridge.p2os.configuration import decode_configuration, decode_texts
+from armadico.bridge.p2os.configuration import decode_texts
 from armadico.bridge.p2os.odometry import Odometry
 from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.p2os.status import Status, decode_status
+from tests.robot.bridge.units import decode_configuration
 
 if TYPE_CHECKING:
     from conftest import Link
