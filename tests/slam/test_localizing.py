@@ -227,19 +227,6 @@ def test_missing_readings_parameters_walls_and_references_are_errors(
         localizing.mapped(blind, "all", load_profile(ROBOT))
 
 
-def test_without_a_reference_only_the_errors_are_missing(
-    log: Log, world: str, tmp_path: Path
-) -> None:
-    blind = logs.read(made_logs.npz(tmp_path / "a.npz", reference=None))
-    start = made_logs.driven()[0]
-    found = summary(Run(blind, chosen(blind, world, start=start), float).go())
-    assert found.compared == 0
-    assert found.error_median_m is None
-    assert found.off_share is None
-    assert found.lost_share == 0.0
-    assert found.deviation_median_m is not None
-
-
 # Summary ------------------------------------------------------------------------------------------
 
 

@@ -72,12 +72,6 @@ def test_its_utility_is_the_free_way_between_the_zones_borders(speed: float) -> 
     assert before_a_wall(0.99 * stop, speed).bid.utility == 1.0
 
 
-def test_the_zones_grow_with_the_speed() -> None:
-    zone = Parameters().danger
-    assert zone.border(0.0) == pytest.approx(0.20)
-    assert zone.border(0.5) == zone.border(-0.5) == pytest.approx(0.20 + 0.55 * 0.5)
-
-
 def test_nearer_it_drives_more_slowly_and_in_the_stop_zone_it_turns_on_the_spot() -> None:
     far, near = (before_a_wall(d, 0.3).bid for d in (0.7, 0.45))
     at_hand = before_a_wall(0.0, 0.05).bid

@@ -62,13 +62,6 @@ def mapped(*points: tuple[float, float], settings: MapSettings | None = None) ->
     return local
 
 
-def test_an_empty_map_knows_nothing() -> None:
-    local = LocalMap()
-    local.move(Placed(0.1, 0.0, 0.1))
-    assert local.points() == ()
-    assert (local.closest(), local.front(), local.left(), local.right()) == (None,) * 4
-
-
 @pytest.mark.parametrize("sonar", RING)
 def test_a_sonar_hits_the_point_itself_and_not_the_middle_of_its_cell(sonar: Ping) -> None:
     local = LocalMap()
@@ -283,15 +276,6 @@ def test_every_point_is_on_the_map_outside_the_robot_and_apart_from_the_others_o
     for p in points:
         assert p.distance < 2.5
         assert not (-0.23 < p.x < 0.21 and abs(p.y) < 0.165)
-
-
-def test_points_that_no_sonar_faces_are_kept() -> None:
-    """Three seconds on the way round something, at a walking pace, with one echo."""
-    local = LocalMap(outline=BODY)
-    local.update([Ping(0.0, 0.0, 0.2, 1.6)])
-    for _ in range(30):
-        local.move(Placed(0.03, 0.0, 0.0))
-    assert len(local.points()) == 1
 
 
 def test_behind_it_is_remembered_for_seconds_but_not_for_ever() -> None:

@@ -142,11 +142,6 @@ def test_only_a_reading_that_is_too_short_is_excused(reading: float, changes: bo
     assert excused == pytest.approx(max(EXCUSED, strict) if changes else strict)
 
 
-def test_a_wall_that_is_square_to_a_beam_beside_its_axis_is_the_echo() -> None:
-    """A sonar measures the nearest wall in its cone, not the one on its axis."""
-    assert one((3.0, 1.5, radians(10.0)), 3.0) > 0.6
-
-
 @pytest.mark.parametrize("off", [18.0, 25.0])
 def test_a_smooth_wall_answers_at_its_foot_outside_the_cone_too(off: float) -> None:
     """The wall ahead is 3.0 m away, and 3.2 or 3.3 m along the axis."""
@@ -336,17 +331,6 @@ def test_at_the_true_place_no_reading_favours_another() -> None:
     assert other is None or other.throughout < -3.0
     particles.history.mark()
     assert alternative(particles, found.pose) is None, "there is no reading since"
-
-
-def test_readings_of_a_robot_at_rest_are_not_weighed_again() -> None:
-    particles = filtered()
-    particles.start_at(START, 0.3, 0.2)
-    particles.weigh(ring(START))
-    assert not particles.due
-    particles.move((0.0, 0.0, 0.0))
-    assert not particles.due
-    particles.move((particles.settings.moved_m, 0.0, 0.0))
-    assert particles.due
 
 
 @pytest.mark.parametrize("echo", [Echo(0.1, 0.0, 0.3, 100.0), Echo(1e4, -1e4, 0.3, 1.0)])
@@ -568,12 +552,6 @@ def test_sonars_fire_one_after_the_other_while_the_robot_moves() -> None:
     assert turned.bearing == pytest.approx(-0.02)
 
 
-def test_one_correction_a_cycle_once_it_has_a_pose(world: str) -> None:
-    robot = Robot(Parameters(world=world))
-    made = [len(robot.at(pose, motion, pose)) for pose, motion in drive(START, 10)]
-    assert made == [1] * 10
-
-
 def test_a_robot_at_rest_has_a_constant_estimate(world: str) -> None:
     """Byte for byte, once the estimate has settled, so that receivers have no new input."""
     robot = Robot(Parameters(world=world))
@@ -601,22 +579,6 @@ def test_twice_a_second_some_particles_are_published_about_where_it_is(world: st
     poses = poses_of(shown[-1])
     assert len(poses) == MOST
     assert hypot(poses[0][0] - pose[0], poses[0][1] - pose[1]) < 0.6
-
-
-@pytest.mark.long
-def test_without_an_initial_pose_it_is_lost_until_it_is_found(world: str) -> None:
-    robot = Robot(Parameters(world=world, start="anywhere"))
-    confidences = []
-    for pose, motion in drive(START, 600):
-        (correction,) = robot.at(pose, motion, (0.0, 0.0, 0.0))
-        confidences.append(correction.confidence)
-        if not correction.confidence:
-            assert correction.covariance[0] >= 1.0
-    assert confidences[0] == 0.0
-    assert confidences[-1] > 0.9
-    assert any(
-        isinstance(message, Log) and "is localized" in message.text for message in robot.published
-    )
 
 
 def test_it_is_searched_for_in_named_rooms_and_elsewhere_only_if_it_began_there() -> None:
@@ -1112,13 +1074,6 @@ def test_a_world_too_large_for_memory_is_rejected(kind: type[Agent], tmp_path: P
     )
     with pytest.raises(ConfigError, match=r"1,600,000,000 cells of 0\.05 m; expected"):
         kind(Identity("x-1"), kind.parameters(world=str(path)))
-
-
-def test_a_start_inside_a_wall_is_weighed_as_any_other() -> None:
-    particles = filtered()
-    particles.start_at((6.0, 2.0, 0.0), 0.01, 0.01)
-    particles.weigh(ring(START))
-    assert np.isfinite(particles.weights).all()
 
 
 @pytest.mark.long

@@ -187,19 +187,6 @@ def test_a_ping_without_a_pose_of_its_cycle_is_left_out() -> None:
     assert not (cells_of(only).states == OCCUPIED).any()
 
 
-def test_the_map_is_returned_on_request() -> None:
-    ring = Ring()
-    ring.agent.kernel.on_query(MapRequest(), Question(1), 0.0)
-    (nothing,) = ring.grids()
-    assert not nothing.rows
-    for _ in range(20):
-        ring.cycle()
-    ring.grids()
-    ring.agent.kernel.on_query(MapRequest(), Question(2), 2.1)
-    (grid,) = ring.grids()
-    assert cells_of(grid).at(3.2, 1.0) == OCCUPIED
-
-
 def continued(wall_m: float, folder: Path) -> Ring:
     """A mapping agent that has seen a wall 1 m ahead, with a saved one that has it so far ahead."""
     saved = mapped((0.0, wall_m), (pi, 1.0), at=Placed(2.2, 1.0, 0.0))

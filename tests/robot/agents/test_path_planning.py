@@ -15,7 +15,7 @@ from armadico.core.agent import Identity, Question
 from armadico.core.messages import Cycle, Log, Point, RobotState, decode, encode
 from armadico.core.outgoing import Answer, Publish
 from armadico.mobile.behaviour import UNSURE_M
-from armadico.mobile.messages import Echo, MissionRequest, Plan, PlanRequest, Pose, Sonar, Waypoint
+from armadico.mobile.messages import Echo, Plan, PlanRequest, Pose, Sonar, Waypoint
 from armadico.mobile.scans import message_of as scan_message
 from armadico.testing.alone import covariance
 
@@ -73,11 +73,6 @@ def test_what_cannot_be_is_refused_with_the_reason(
     plan = request_plan(planner, start, goal)
     assert plan.waypoints == ()
     assert re.search(why, plan.refusal)
-
-
-def test_another_question_than_for_a_plan_is_not_answered(planner: PathPlanning) -> None:
-    planner.kernel.on_query(MissionRequest(GOAL), Question(6), 1.0)
-    assert planner.kernel.outbox == []
 
 
 def test_a_way_of_more_turns_than_a_mission_may_have_is_refused(
