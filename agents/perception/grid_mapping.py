@@ -69,9 +69,9 @@ class Settings(Struct, frozen=True):
 class Mapper:
     """Log-odds of a part of the world, which grows with what is sensed."""
 
-    def __init__(self, half_cone: float = 0.0, settings: Settings | None = None) -> None:
+    def __init__(self, half_cone: float = 0.0) -> None:
         """Prepare for sonars with half a cone of this angle, rad; 0: none."""
-        self.p = settings or Settings()
+        self.p = Settings()
         self._half = half_cone
         self._row = self._column = 0  # of the corner, in cells from `_lines`
         self.full = False  # readings were left out, since the map would become too large

@@ -153,6 +153,12 @@ class KeyMap:
         away = np.hypot(off[:, 0], off[:, 1]) + 0.3 * np.abs(wrapped(off[:, 2]))
         return [int(k) for k in there[np.argsort(away, kind="stable")[:most]]]
 
+    def near(self, pose: Floats, which: Indices, most: int, within: float) -> list[int]:
+        """The nearest of some key scans, at most so many and so near, m; the nearest first."""
+        away = np.hypot(*(self.poses[which, :2] - pose[:2]).T)
+        order = np.argsort(away, kind="stable")[:most]
+        return [int(k) for k in which[order[away[order] < within]]]
+
     # Its file -------------------------------------------------------------------------------------
 
     def restore(self, graph: SavedGraph, clouds: Sequence[PointCloud]) -> None:

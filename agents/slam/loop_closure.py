@@ -39,7 +39,7 @@ from armadico.agents.methods.scan_matching import (
     point_to_line,
     voxel_filtered,
 )
-from armadico.agents.methods.slices import Sliced, finished
+from armadico.agents.methods.slices import Sliced
 
 FIELD_WORK: Final = 80
 """Work of a point of a new field, in look-ups (`slices`)."""
@@ -134,12 +134,8 @@ class LoopCloser:
         uncertain = max(p.loop_search_deviations * deviation, p.loop_search_share * way)
         return min(p.loop_search_maximum_distance, p.loop_search_minimum_distance + uncertain)
 
-    def find(self, track: Trajectory, radius: float) -> list[Loop]:
-        """The loops of the newest scan that are accepted now, with those that they support."""
-        return finished(self.finding(track, radius))
-
     def finding(self, track: Trajectory, radius: float) -> Sliced[list[Loop]]:
-        """Do `find` in slices."""
+        """The loops of the newest scan that are accepted now, with those that they support."""
         found: list[Loop] = []
         for near in self._places(track, radius):
             loop = yield from self._matched(track, near, radius)

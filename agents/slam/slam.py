@@ -493,12 +493,9 @@ class Slam:
         """Compare the newest key scan with the walls of the map that its part was joined to."""
         p, scans, pose = self.parameters, self.map, self.map.poses[-1]
         old = np.flatnonzero(scans.present[: proof.first])
-        away = np.hypot(*(scans.poses[old, :2] - pose[:2]).T)
-        near = old[np.argsort(away, kind="stable")[:PROVED_NEAR]]
-        near = near[np.hypot(*(scans.poses[near, :2] - pose[:2]).T) < PROVED_M]
-        if not len(near):
+        chain = scans.near(pose, old, PROVED_NEAR, PROVED_M)
+        if not chain:
             return
-        chain = near.tolist()
         points = scans.drawn(chain).points
         walls = voxel_filtered(points, p.relocation.resolution, len(points))
         yield GATHER_WORK * len(points)

@@ -728,9 +728,14 @@ def _interpolated(times: Floats, odometry: Sequence[tuple[float, Pose2]]) -> Flo
         return np.zeros((0, 3))
     at, poses = np.array([t for t, _ in ordered]), np.array([pose for _, pose in ordered])
     poses[:, 2] = np.unwrap(poses[:, 2])
-    found = np.column_stack([np.interp(times, at, poses[:, axis]) for axis in range(3)])
+    found = interpolated(at, poses, times)
     found[(times < at[0] - STEP_S) | (times > at[-1] + STEP_S)] = np.nan
     return found
+
+
+def interpolated(at: Floats, poses: Floats, times: Floats) -> Floats:
+    """Poses (n, 3), whose headings are not wrapped, at other times; at the ends they stay."""
+    return np.column_stack([np.interp(times, at, column) for column in poses.T])
 
 
 def _lines(path: Path, notes: list[str]) -> _Lines:
