@@ -88,13 +88,6 @@ def test_echoes_from_beyond_the_map_fill_nothing() -> None:
     assert local.points() == ()
 
 
-def test_an_echo_through_a_point_clears_it() -> None:
-    local = LocalMap()
-    local.update([Ping(0.0, 0.0, 0.2, 0.8)])
-    local.update([Ping(0.0, 0.0, 0.2, 1.6)])
-    assert [round(point.distance, 6) for point in local.points()] == [1.6]
-
-
 def test_silence_is_weak_evidence_a_slanted_wall_does_not_answer_either() -> None:
     local = LocalMap()
     local.update([Ping(0.0, 0.0, 0.2, 0.8)])
@@ -329,12 +322,6 @@ def test_a_single_echo_abeam_is_still_known_when_the_tail_comes_by() -> None:
     assert local.closest() == pytest.approx((-0.281, 0.386, math.hypot(0.281, 0.386)))
 
 
-def test_a_point_that_the_robot_drives_over_was_never_there() -> None:
-    local = mapped((0.5, 0.0))
-    local.move(Placed(0.4, 0.0))
-    assert local.points() == ()
-
-
 def test_of_two_points_that_meet_in_a_cell_the_surer_stays() -> None:
     local = LocalMap(LASTING)
     sure, doubtful = (1.20, 0.2), (1.28, 0.2)
@@ -379,20 +366,6 @@ def test_a_near_cell_holds_so_many_points_and_the_least_sure_makes_room() -> Non
     kept = {(round(p.x, 6), round(p.y, 6)) for p in local.points()}
     assert kept == {(round(x, 6), round(y, 6)) for x, y in (*sure[1:], apart[POINTS + 1])}
     assert {key % CELLS for key in local.cells()} == {cell_at(*sure[0], 0.25)}
-
-
-def test_front_left_and_right_are_the_nearest_of_their_sectors_and_share_none() -> None:
-    ahead, left, right, behind = (1.0, 0.2), (0.1, 0.8), (0.4, -0.7), (-0.5, 0.1)
-    far = [(1.9, 0.3), (0.2, 1.7), (0.3, -1.7)]
-    local = mapped(ahead, left, right, behind, *far)
-
-    def near(found: Obstacle | None, point: tuple[float, float]) -> bool:
-        return found is not None and math.dist(found[:2], point) < 1e-9
-
-    assert near(local.closest(), behind)
-    assert near(local.front(), ahead)
-    assert near(local.left(), left)
-    assert near(local.right(), right)
 
 
 @given(st.floats(-math.pi, math.pi))

@@ -292,17 +292,6 @@ def test_what_is_learnt_of_the_wheels_is_the_error_that_they_have() -> None:
     assert particles.wheel_errors == pytest.approx((0.0, -0.06, 0.0), abs=0.04)
 
 
-def test_they_find_a_robot_of_which_nothing_is_known() -> None:
-    particles = filtered()
-    particles.lost = True
-    particles.start_anywhere()
-    followed = follow(particles, START, 600)
-    way, turned = off(*followed[-1])
-    assert (way, turned) < (0.15, 0.1)
-    assert followed[0][1].share < 0.5
-    assert followed[-1][1].share > 0.9
-
-
 def test_readings_of_a_kidnapped_robot_favour_its_true_place() -> None:
     particles = filtered()
     particles.start_at(START, 0.1, 0.05)

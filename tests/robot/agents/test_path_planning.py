@@ -49,32 +49,6 @@ def test_a_path_through_the_doors_ends_on_the_goal_with_its_cost(
     assert plan.energy > 0.0
 
 
-def test_a_longer_way_costs_more(planner: PathPlanning) -> None:
-    near, far = (
-        request_plan(planner, START, Waypoint(1.5, 2.0, 0.0)),
-        request_plan(planner, START, GOAL),
-    )
-    assert near.length < far.length
-    assert near.energy < far.energy
-
-
-@pytest.mark.parametrize(
-    ("start", "goal", "why"),
-    [
-        (START, Waypoint(4.6, 1.0, 0.0), "the goal .* is inside a wall"),
-        (START, Waypoint(50.0, 1.0, 0.0), "the goal .* is off the world"),
-        (Waypoint(-50.0, 1.0, 0.0), GOAL, "the start .* is off the world"),
-        (Waypoint(4.6, 1.0, 0.0), GOAL, "the start .* is inside a wall"),
-    ],
-)
-def test_what_cannot_be_is_refused_with_the_reason(
-    planner: PathPlanning, start: Waypoint, goal: Waypoint, why: str
-) -> None:
-    plan = request_plan(planner, start, goal)
-    assert plan.waypoints == ()
-    assert re.search(why, plan.refusal)
-
-
 def test_a_way_of_more_turns_than_a_mission_may_have_is_refused(
     planner: PathPlanning, monkeypatch: pytest.MonkeyPatch
 ) -> None:
