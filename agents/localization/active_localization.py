@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armadico.agents.methods.grid import Grid
+from armadico.agents.methods.poses import wrapped
 from armadico.mobile.geometry import Pose2
 
 Floats = NDArray[np.float64]
@@ -65,7 +66,7 @@ def places_of(poses: Sequence[Pose2]) -> list[tuple[Pose2, float]]:
     total = len(left)
     while len(left):
         off = left - left[0]
-        turned = np.remainder(off[:, 2] + pi, tau) - pi
+        turned = wrapped(off[:, 2])
         near = (np.hypot(off[:, 0], off[:, 1]) < APART_M) & (np.abs(turned) < APART_RAD)
         x, y = left[near, :2].mean(axis=0)
         heading = float(left[0, 2] + turned[near].mean())

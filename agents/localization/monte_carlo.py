@@ -24,11 +24,11 @@ from armadico.agents.localization.global_search import (
     History,
     Model,
     Search,
-    angles_from,
     log_likelihoods,
     uniform_poses,
 )
 from armadico.agents.localization.sonar_model import Poses
+from armadico.agents.methods.poses import wrapped
 from armadico.config.profile import NARROW, Odometry
 from armadico.mobile.geometry import STOOD, Pose2, relative, wrap
 from armadico.mobile.messages import Echo
@@ -319,22 +319,24 @@ class MonteCarlo:
         if self._fits_in is not None:
             x, y = self.poses[:, :2].T.astype(np.float64)
             logs[~self._fits_in(x, y)] += IN_WALL
-        self.weights = self._weighed(logs)
-        if 1.0 / float(self.weights @ self.weights) < 0.5 * len(self.poses):
-            self._resample()
+        self._reweigh(logs)
 
     def weigh_heading(self, heading: float, deviation: float) -> None:
         """Weigh the particles by a heading that was measured, with its deviation, rad."""
         self.changes += 1
-        off = angles_from(self.poses[:, 2], heading).astype(np.float64)
-        self.weights = self._weighed(-0.5 * (off / deviation) ** 2)
+        off = wrapped(self.poses[:, 2] - heading).astype(np.float64)
         self.bound.see(np.diag([0.0, 0.0, deviation**-2]))
-        if 1.0 / float(self.weights @ self.weights) < 0.5 * len(self.poses):
-            self._resample()
+        self._reweigh(-0.5 * (off / deviation) ** 2)
 
     def tell(self, pose: Pose2, echoes: Sequence[Echo]) -> None:
         """Narrow the bound by what readings tell at a pose."""
         self.bound.see(information(self._model, pose, echoes, self.settings.told))
+
+    def _reweigh(self, logs: NDArray[np.float64]) -> None:
+        """Multiply the weights by these likelihoods; resample if few particles hold the weight."""
+        self.weights = self._weighed(logs)
+        if 1.0 / float(self.weights @ self.weights) < 0.5 * len(self.poses):
+            self._resample()
 
     def _weighed(self, logs: NDArray[np.float64]) -> NDArray[np.float64]:
         """The weights times these likelihoods, normalized."""
@@ -473,7 +475,7 @@ class MonteCarlo:
     def scatter(self) -> NDArray[np.float64]:
         """The covariance of all particles about their mean, (3, 3)."""
         off = self.poses.astype(np.float64)
-        off[:, 2] = angles_from(off[:, 2], _heading(off[:, 2], self.weights))
+        off[:, 2] = wrapped(off[:, 2] - _heading(off[:, 2], self.weights))
         off[:, :2] -= self.weights @ off[:, :2]
         covariance: NDArray[np.float64] = (off * self.weights[:, None]).T @ off
         return covariance
@@ -498,7 +500,7 @@ class MonteCarlo:
             if changes == self.changes and max(map(abs, relative(before, about))) < SETTLED:
                 return found
         x, y, theta = self._heaviest() if about is None else about
-        turned = angles_from(self.poses[:, 2], theta)
+        turned = wrapped(self.poses[:, 2] - theta)
         off = np.column_stack([self.poses[:, 0] - x, self.poses[:, 1] - y, turned])
         far = np.hypot(off[:, 0], off[:, 1])
         near = (far < CLUSTER_M) & (np.abs(turned) < CLUSTER_RAD)

@@ -26,6 +26,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from armadico.agents.methods.geometry import Posed
+from armadico.agents.methods.poses import wrapped
 from armadico.config.grid_map import FREE, NOTHING, OCCUPIED, UNKNOWN, Cells
 from armadico.mobile.geometry import compose, to_world
 from armadico.mobile.messages import Echo, Scan
@@ -113,8 +114,7 @@ class Mapper:
             return
         odds, dx, dy = window[0], window[1] - x, window[2] - y
         away = np.hypot(dx, dy)
-        off = np.arctan2(dy, dx) - bearing
-        off = (off + np.pi) % (2.0 * np.pi) - np.pi
+        off = wrapped(np.arctan2(dy, dx) - bearing)
         cone = (np.abs(off) <= half) & (away <= span)
         fading = 1.0 - (1.0 - p.far) * away / p.reach_m
         centred = 1.0 - (off / half) ** 2

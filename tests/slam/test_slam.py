@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from armadico.agents.methods.poses import Floats, compose, relative
+from armadico.agents.slam.logs.logs import drifted
 from armadico.agents.slam.loop_closure import LoopParameters
 from armadico.agents.slam.pose_graph import GraphParameters, Kernel
 from armadico.agents.slam.slam import Slam, SlamParameters
 from tests.robot.scans import BEARINGS, cast, drive
-from tests.slam.worlds import drifted, false_loops, mapped, off, ring, square, twins
+from tests.slam.worlds import false_loops, mapped, off, ring, square, twins
 
 PATH = square()
 

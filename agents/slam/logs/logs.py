@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armadico.agents.methods.parameters import LEAP_M, LEAP_M_S
+from armadico.agents.methods.poses import wrapped
 from armadico.agents.slam.logs.cut_npz import fields_of
 from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import RECORDINGS
@@ -246,15 +247,20 @@ class Log:
 
 
 def with_errors(log: Log, share: float, seed: int) -> Log:
-    """The log with wheel errors added to its odometry.
+    """The log with wheel errors added to its odometry, as in `drifted`."""
+    return replace(log, odometry=drifted(log.odometry, share, seed))
 
-    Three errors are constant over the log (scale, rotation, drift); noise is drawn for each row.
+
+def drifted(odometry: Floats, share: float, seed: int) -> Floats:
+    """Odometry (n, 3) with wheel errors added.
+
+    Three errors are constant (scale, rotation, drift); noise is drawn for each row.
     Their standard deviation is `share` of distance and rotation.
     """
     rng = Random(seed)
     longer, turned = rng.gauss(0.0, share / 2), rng.gauss(0.0, share)
     bend = rng.gauss(0.0, share / 2)  # rad/m
-    path = [(x, y, theta) for x, y, theta in log.odometry.tolist()]
+    path = [(x, y, theta) for x, y, theta in odometry.tolist()]
     at = path[0]
     found = [at]
     for before, after in pairwise(path):
@@ -267,7 +273,7 @@ def with_errors(log: Log, share: float, seed: int) -> Log:
         theta = theta * (1.0 + turned) + bend * way + noise
         at = compose(at, (x, y, theta))
         found.append(at)
-    return replace(log, odometry=np.array(found))
+    return np.array(found)
 
 
 def read(
@@ -409,7 +415,7 @@ class _Table:
         period = self.period
         if period is None:
             steps = np.abs(np.diff(self.odometry[rows], axis=0))
-            turns = np.abs((steps[:, 2] + pi) % tau - pi)
+            turns = np.abs(wrapped(steps[:, 2]))
             needed = np.maximum(np.hypot(*steps[:, :2].T) / USUAL_M_S, turns / USUAL_RAD_S)
             moving = needed[needed > 1e-3]
             usual = float(np.median(moving)) if len(moving) else PERIOD_S
@@ -680,7 +686,7 @@ def _carmen(path: Path, corrected: bool | None, reach: float | None, period: flo
     )
     mount = _pose(np.median(mounts, axis=0))
     off = np.abs(mounts - mount)
-    off[:, 2] = np.abs((off[:, 2] + pi) % (2 * pi) - pi)
+    off[:, 2] = np.abs(wrapped(off[:, 2]))
     one_pose = bool((off[:, :2] <= FIXED_M).all() and (off[:, 2] <= FIXED_RAD).all())
     if corrected is None:
         corrected = not one_pose or any(word in path.name.lower() for word in (".gfs", "corrected"))
