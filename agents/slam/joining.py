@@ -20,11 +20,10 @@ import numpy as np
 from msgspec import Struct, structs
 
 from armadico.agents.methods.parameters import Count, Positive
-from armadico.agents.methods.poses import Floats, compose, relative, transformed, wrapped
+from armadico.agents.methods.poses import compose, relative, transformed, wrapped
 from armadico.agents.methods.scan_matching import (
     Indices,
     LikelihoodField,
-    PointCloud,
     in_world,
     seen,
     share_of,
@@ -33,7 +32,7 @@ from armadico.agents.methods.scan_matching import (
 )
 from armadico.agents.methods.slices import finished
 from armadico.agents.slam.key_map import KeyMap, points_of
-from armadico.agents.slam.loop_closure import Loop, LoopCloser, agree
+from armadico.agents.slam.loop_closure import Loop, LoopCloser, Track, agree
 from armadico.agents.slam.pose_graph import Edge, PoseGraph
 from armadico.agents.slam.relocation import Recognised, Relocator
 from armadico.agents.slam.slam import UNKNOWN, SlamParameters
@@ -289,7 +288,7 @@ class _Joint:
         closer, newest = LoopCloser(self.p.loops, self.p.matcher), self.map.way[mine[0]]
         fresh: list[Loop] = []
         for at in mine.tolist():
-            view = _View.of(self.map, at, self.first)
+            view = _view(self.map, at, self.first)
             radius = closer.radius(0.0, self.map.way[at] - newest)
             found = finished(closer.finding(view, radius))
             if found:
@@ -343,20 +342,14 @@ class _Joint:
         return fit, through_walls(pairs, thin, pose, cloud, origin)[0]
 
 
-class _View(NamedTuple):
-    """The earlier map and a session up to a key scan, whose loops are on that map only."""
+def _view(scans: KeyMap, newest: int, first: int) -> Track:
+    """The earlier map and a session, that begins with `first`, up to its key scan `newest`.
 
-    poses: Floats
-    way: Sequence[float]
-    clouds: Sequence[PointCloud]
-    part: Indices
-
-    @classmethod
-    def of(cls, scans: KeyMap, newest: int, first: int) -> _View:
-        """The view of a key scan of the session that begins with another one."""
-        part = scans.part[: newest + 1].copy()
-        part[first:newest] = -1
-        return cls(scans.poses[: newest + 1], scans.way, scans.clouds, part)
+    Loops of the latter are on the earlier map only.
+    """
+    part = scans.part[: newest + 1].copy()
+    part[first:newest] = -1
+    return Track(scans.poses[: newest + 1], scans.way, scans.clouds, part)
 
 
 def _unknown(edge: Edge) -> bool:

@@ -16,7 +16,7 @@ from armadico.agents.methods.scan_matching import (
     PointCloud,
     in_world,
 )
-from armadico.agents.slam.loop_closure import Loop
+from armadico.agents.slam.loop_closure import Loop, Track
 from armadico.agents.slam.pose_graph import Edge, PoseGraph
 from armadico.agents.slam.relocation import Recognised, Scans
 from armadico.config.graph_file import DrawnScan, Footprint, SavedGraph
@@ -33,8 +33,8 @@ def points_of(scan: Scan, max_range: float) -> PointCloud:
 class KeyMap:
     """Key scans, each with an entry in five columns, and what is known between them.
 
-    A change of `poses` replaces the array, and the lists only grow or are cut at the end. So a
-    shallow copy goes on to describe the key scans that its `poses` have.
+    A change of `poses` replaces the array, and the lists only grow or are cut at the end. So
+    `track` goes on to describe the key scans that it has.
     """
 
     graph: PoseGraph
@@ -50,6 +50,11 @@ class KeyMap:
 
     def __len__(self) -> int:
         return len(self.poses)
+
+    @property
+    def track(self) -> Track:
+        """The key scans that there are."""
+        return Track(self.poses, self.way, self.clouds, self.part)
 
     def add(self, pose: Floats, way: float, cloud: PointCloud, number: int, part: int) -> None:
         """Add a key scan, some way (m) after the one before."""

@@ -14,7 +14,6 @@ its place on it is found (`relocation`). Its next key scans are the `Proof` of t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from math import hypot, pi
 from typing import Final, NamedTuple
 
@@ -447,7 +446,7 @@ class Slam:
         p, placed = self.parameters, self._placed
         deviation = float(np.sqrt(np.linalg.eigvalsh(placed.covariance[:2, :2])[-1]))
         radius = self.closer.radius(deviation, self.map.way[-1] - placed.loop_way)
-        found = yield from self.closer.finding(copy(self.map), radius)
+        found = yield from self.closer.finding(self.map.track, radius)
         self._add_loops(found)
         self._backlog.moving |= any(loop.moved >= p.loops.loop_near for loop in found)
 

@@ -50,12 +50,6 @@ def before_a_wall(distance: float, speed: float, **parameters: Any) -> Alone:
     return made
 
 
-def test_without_a_goal_it_does_not_bid_whatever_is_in_the_way() -> None:
-    made = stage(None, 0.5)
-    assert made.cycle(points=wall(0.4, -0.4, 0.4)) == []
-    assert made.bid.reason == "no goal"
-
-
 def test_with_nothing_in_the_way_it_is_silent() -> None:
     made = stage(speed=0.5)
     for points in ([], [Point(1.0, 0.6)], [Point(-0.4, 0.0)], wall(2.4, -1.0, 1.0)):
