@@ -294,7 +294,7 @@ class Avoid(Behaviour):
         ack = self.acked(WHEELS)
         at = None if ack is None or ack.obeyed is None else ack.obeyed_cycle
         driven = at is not None and self.cycles.fresh(at)
-        idle, self._bid_at = self._was_idle, self.now
+        idle, self._bid_at = self.now - self._bid_at > BID_GAP_S, self.now
         near = ON_GOAL_M < self.route.to_go(pose.x, pose.y) < self.p.goal_m
         excused = idle or near or not driven
         self._update_rest(
@@ -303,10 +303,6 @@ class Avoid(Behaviour):
         self._update_place(pose, excused)
         self._update_stall(state.stalled)
         return self.now < max(self._escape_until, self._back_until)
-
-    @property
-    def _was_idle(self) -> bool:
-        return self.now - self._bid_at > BID_GAP_S
 
     def _update_rest(self, moving: bool) -> None:
         if moving:

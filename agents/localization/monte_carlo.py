@@ -173,7 +173,8 @@ class MonteCarlo:
         self._turned = inf
         self._logs: deque[float] = deque(maxlen=settings.judged)  # of the newest likelihoods
         self._weigh_against(0.0)
-        self._hits = MAPPED_HITS  # running mean over the rays
+        # Running mean hit of a laser's rays on the map, 0 to 1, at the particles that fit best.
+        self.hits = MAPPED_HITS
         self.history = History(settings.search)
         self.bound = Bound(odometry)  # of the estimate's covariance
 
@@ -211,7 +212,7 @@ class MonteCarlo:
         self.history.clear()
         self._logs.clear()
         self._weigh_against(0.0)
-        self._hits = MAPPED_HITS
+        self.hits = MAPPED_HITS
         self._moved = self._turned = inf
 
     def _uncalibrated(self, n: int, share: float = 1.0) -> Poses:
@@ -314,7 +315,7 @@ class MonteCarlo:
             likelihood = self._without_unmapped(likelihood)
         trust = self.settings.doubtful if self.lost else self.settings.trust
         if self.settings.leaves and not self.lost:
-            trust *= min(1.0, max(0.0, (self._hits - UNSEEN) / (PARTLY - UNSEEN)))
+            trust *= min(1.0, max(0.0, (self.hits - UNSEEN) / (PARTLY - UNSEEN)))
         logs = trust * np.einsum("ij->i", np.log(likelihood), dtype=np.float64)  # faster than sum
         if self._fits_in is not None:
             x, y = self.poses[:, :2].T.astype(np.float64)
@@ -355,21 +356,16 @@ class MonteCarlo:
         hits = (likelihood - random) / (np.float32(1.0) - random)
         logs = self.settings.trust * np.log(likelihood).sum(axis=1, dtype=np.float64)
         seen = float(self._weighed(logs) @ hits.mean(axis=1))
-        self._hits += UNMAPPED_GAIN * (seen - self._hits)
+        self.hits += UNMAPPED_GAIN * (seen - self.hits)
         share = np.float32(self.unmapped)
         softer: NDArray[np.float32] = (np.float32(1.0) - share) * hits + share
         return softer
 
     @property
-    def hits(self) -> float:
-        """Mean hit of a laser's rays on the map, 0 to 1, at the particles that fit best."""
-        return self._hits
-
-    @property
     def unmapped(self) -> float:
         """Estimated share of a laser's rays that end at unmapped objects."""
         least, most = UNMAPPED
-        return min(max(1.0 - self._hits / MAPPED_HITS, least), most)
+        return min(max(1.0 - self.hits / MAPPED_HITS, least), most)
 
     @property
     def fit(self) -> float:
@@ -423,7 +419,7 @@ class MonteCarlo:
         self.wheels = self._uncalibrated(len(guesses), 0.5)
         self.wheels += guesses[:, 3:]
         self.weights = np.repeat(shares / (each * shares.sum()), each)
-        self._hits = MAPPED_HITS
+        self.hits = MAPPED_HITS
 
     def _resample(self) -> None:
         """Resample with low variance; the number of particles is that of KLD sampling."""

@@ -25,7 +25,7 @@ from itertools import pairwise
 from math import degrees, hypot, isfinite, isnan, pi, tau
 from pathlib import Path
 from random import Random
-from typing import IO, Any, Final, Protocol, cast
+from typing import IO, Any, Final, cast
 
 import msgspec
 import numpy as np
@@ -79,23 +79,6 @@ class LogError(ConfigError):
     """No log can be read from the file."""
 
 
-class Readings(Protocol):
-    """The range readings of a log."""
-
-    def kind(self, index: int) -> type[Scan | Sonar]:
-        """The kind of sensor of a reading."""
-
-    def message(self, index: int, cycle: Cycle, since: Pose2, number: int) -> Scan | Sonar:
-        """One reading as the robot agent publishes it.
-
-        `since` is the robot's pose at the measurement, in the robot's frame of the cycle in which
-        it is published; `number` is the scan's.
-        """
-
-    def only(self, which: Sequence[int]) -> Readings:
-        """Some of them, in order."""
-
-
 @dataclass(frozen=True)
 class Scans:
     """Scans of one scanner, all with the same angles."""
@@ -107,20 +90,27 @@ class Scans:
     mount: Pose2 = STOOD
 
     def kind(self, index: int) -> type[Scan | Sonar]:  # noqa: ARG002 - all are of one scanner
+        """The kind of sensor of a reading."""
         return Scan
 
     def message(self, index: int, cycle: Cycle, since: Pose2, number: int) -> Scan:
+        """One reading as the robot agent publishes it.
+
+        `since` is the robot's pose at the measurement, in the robot's frame of the cycle in which
+        it is published; `number` is the scan's.
+        """
         seen = self.ranges[index] * self.scale
         limits = (LEAST_M, self.reach)
         return message_of(cycle, seen, self.angles, limits, self.mount, since=since, number=number)
 
     def only(self, which: Sequence[int]) -> Scans:
+        """Some of them, in order."""
         return replace(self, ranges=self.ranges[which])
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """Published readings."""
+    """Published readings; methods as in `Scans`."""
 
     messages: tuple[Scan | Sonar, ...]
 
@@ -153,7 +143,7 @@ class Log:
     odometry: Floats  # (m, 3) m, m, rad
     reference: Floats  # (m, 3) reference poses, NaN where unknown
     rows: Indices  # (n,) the row of each reading
-    readings: Readings
+    readings: Scans | Recorded
     real: bool = True  # false: the odometry is a corrected path, without wheel errors
     cycles: bool = False  # the rows are the robot's cycles
     world: str | None = None  # named in the log
