@@ -21,8 +21,9 @@ from armadico.core.config_errors import ConfigError
 from armadico.mobile.behaviour import LOST_M
 from armadico.mobile.geometry import Pose2, compose, relative
 from tests.robot.robots import with_laser
+from tests.robot.scans import map_of
 from tests.slam import made_logs
-from tests.slam.floors import CORRIDOR, ROOM, map_of
+from tests.slam.floors import CORRIDOR, ROOM
 
 AGENT = "localization"
 ROBOT = with_laser()

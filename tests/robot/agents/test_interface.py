@@ -249,17 +249,6 @@ def test_the_trajectory_is_said_again_each_second_with_the_leg_for_latecomers(
     assert {(t.waypoints, t.start, t.leg) for t in repeated} == {((DOOR, GOAL), Point(0.0, 0.0), 1)}
 
 
-def test_cut_off_while_waypoints_were_passed_it_still_knows_when_the_goal_is_reached(
-    desk: Desk,
-) -> None:
-    over = (Waypoint(2.0, 0.0, 0.0), Waypoint(2.0, 2.0, 0.0), Waypoint(6.0, 2.0, 0.0))
-    desk.request(MissionRequest(Waypoint(8.0, 2.0, 0.0), over, planned=False))
-    desk.moved(1.0)
-    desk.moved(4.0, 2.0)
-    desk.moved(4.1, 2.0)
-    assert desk.last(MissionStatus).leg == 2
-
-
 def test_with_no_mission_it_says_so_each_second_and_names_no_trajectory(desk: Desk) -> None:
     """An empty trajectory would end a mission of which it has not been told yet."""
     for _ in range(25):

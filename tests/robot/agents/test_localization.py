@@ -58,6 +58,7 @@ from armadico.mobile.messages import (
     Waypoint,
 )
 from armadico.mobile.particles import MOST, poses_of
+from tests.robot.scans import map_of
 
 RING = load_profile("pioneer-2dx").sonar
 WALLS = [(0, 0, 6, 0), (6, 0, 6, 4), (6, 4, 2.5, 4), (2.5, 4, 2.5, 3), (2.5, 3, 0, 3), (0, 3, 0, 0)]
@@ -427,20 +428,9 @@ def test_a_search_in_pieces_finds_what_one_in_one_go_finds_though_the_robot_driv
 # The agent ----------------------------------------------------------------------------------------
 
 
-MAP = """\
-2D-Map
-LineMinPos: 0 0
-LineMaxPos: 6000 4000
-LINES
-"""
-
-
 @pytest.fixture(scope="module")
 def world(tmp_path_factory: pytest.TempPathFactory) -> str:
-    path = tmp_path_factory.mktemp("world") / "room.map"
-    lines = "\n".join(" ".join(str(round(1000 * v)) for v in wall) for wall in WALLS)
-    path.write_text(MAP + lines + "\n", encoding="utf-8")
-    return str(path)
+    return map_of(tmp_path_factory.mktemp("world") / "room.map", WALLS, (6.0, 4.0))
 
 
 class Robot:
@@ -1067,9 +1057,8 @@ def test_a_world_too_large_for_memory_is_rejected(kind: type[Agent], tmp_path: P
 
 @pytest.mark.long
 def test_a_map_of_another_place_is_reported_and_slows_the_robot(world: str, tmp_path: Path) -> None:
-    path = tmp_path / "other.map"
-    path.write_text(MAP + "0 0 9000 0\n9000 0 9000 9000\n9000 9000 0 9000\n0 9000 0 0\n")
-    robot = Robot(Parameters(world=str(path)))
+    walls = [(0, 0, 9, 0), (9, 0, 9, 9), (9, 9, 0, 9), (0, 9, 0, 0)]
+    robot = Robot(Parameters(world=map_of(tmp_path / "other.map", walls, (6.0, 4.0))))
     for pose, motion in drive(START, 400):
         (correction,) = robot.at(pose, motion, pose)
     assert any("map badly" in m.text for m in robot.published if isinstance(m, Log))
