@@ -112,7 +112,6 @@ class Update(NamedTuple):
     covariance: Floats  # (3, 3) of it, since the last loop
     key: bool  # whether the scan was added to the map
     inliers: float  # share of the points of the newest key scan that fit
-    revision: int  # of the map that the pose belongs to
     near_covariance: Floats  # (3, 3) of the pose on the map near it
     matched: bool = True  # whether the scan was matched, as each key scan is
 
@@ -265,7 +264,7 @@ class Slam:
             step = relative(placed.at, odometry)
             more = self.front.model.prior(step).covariance
             covariance, near = (self._moved(one, step, more) for one in (covariance, near))
-        return Update(pose, covariance, key, placed.inliers, self.map.revision, near, matched)
+        return Update(pose, covariance, key, placed.inliers, near, matched)
 
     def _moved(self, covariance: Floats, step: Floats, more: Floats) -> Floats:
         """A covariance after a step from the newest matched scan, whose own is in the world."""
