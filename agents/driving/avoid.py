@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import atan2, copysign, cos, hypot, inf, pi, radians, sin
+from math import atan2, copysign, cos, hypot, inf, pi, radians
 from typing import ClassVar, Literal, NamedTuple
 
 from armadico.agents.driving.free_heading import open_heading
 from armadico.agents.driving.thesis_avoid import NonNegative, Positive, ZoneParameters, literal
+from armadico.agents.methods.geometry import rotated
 from armadico.agents.methods.utility import ramp_down
 from armadico.core import agent
 from armadico.core.exchange import Bid
@@ -216,7 +217,7 @@ class Avoid(Behaviour):
         limit_angle = self.p.let_go if self.share(WHEELS) >= MOSTLY else self.p.u_heading_low
         if abs(way.heading) > limit_angle:
             return inf
-        turned = _rotated(points, way.heading)
+        turned = rotated(points, way.heading)
         free = free_path(turned, 1.0, 0.0, self.body.outline, self.p.safety.margin_m)
         return free if free < way.bend_m else inf
 
@@ -228,7 +229,7 @@ class Avoid(Behaviour):
         heading = self._heading(points, way, pose)
         if heading is None:
             return self._turn_on_the_spot(scene, way.heading), "shut in: look for a way out"
-        free = free_path(_rotated(points, heading), 1.0, 0.0, outline, TURN_MARGIN_M)
+        free = free_path(rotated(points, heading), 1.0, 0.0, outline, TURN_MARGIN_M)
         now = free_path(points, 1.0, 0.0, outline, TURN_MARGIN_M)
         speed, zone = self._zone(min(free, now), v)
         speed *= max(0.0, cos(heading))
@@ -293,7 +294,7 @@ class Avoid(Behaviour):
         ack = self.acked(WHEELS)
         at = None if ack is None or ack.obeyed is None else ack.obeyed_cycle
         driven = at is not None and self.cycles.fresh(at)
-        idle, self._bid_at = self._was_idle, self.now
+        idle, self._bid_at = self.now - self._bid_at > BID_GAP_S, self.now
         near = ON_GOAL_M < self.route.to_go(pose.x, pose.y) < self.p.goal_m
         excused = idle or near or not driven
         self._update_rest(
@@ -302,10 +303,6 @@ class Avoid(Behaviour):
         self._update_place(pose, excused)
         self._update_stall(state.stalled)
         return self.now < max(self._escape_until, self._back_until)
-
-    @property
-    def _was_idle(self) -> bool:
-        return self.now - self._bid_at > BID_GAP_S
 
     def _update_rest(self, moving: bool) -> None:
         if moving:
@@ -398,8 +395,3 @@ class Avoid(Behaviour):
         away = hypot(dx, dy)
         bends = away < 0.99 * self.p.ahead_m
         return Way(wrap(atan2(dy, dx) - pose.theta), away if bends else inf)
-
-
-def _rotated(points: Sequence[Point], heading: float) -> list[Point]:
-    c, s = cos(heading), sin(heading)
-    return [Point(c * p.x + s * p.y, c * p.y - s * p.x) for p in points]

@@ -154,7 +154,8 @@ class Goto(Behaviour):
 
     def _desired(self, pose: Pose, obstacles: Obstacles) -> Speeds:
         """The controller's speeds before any limit by obstacles."""
-        before, period = self._ramp_start(), self.body.cycle_s
+        before = self._commanded if self.share(WHEELS) >= MOSTLY else self.measured
+        period = self.body.cycle_s
         if self._driver is not None:
             cut = corner_cut(obstacles, self.body, self.p.brisk.cut_m)
             self._driver.off_m = pose.deviation
@@ -184,9 +185,6 @@ class Goto(Behaviour):
         off = abs(wrap(atan2(target.y - pose.y, target.x - pose.x) - pose.theta))
         share = 1.0 - (off - self.p.calm_from) / self.p.calm_over
         return self._controller.settings.fast.v * min(max(share, self.p.calm_least), 1.0)
-
-    def _ramp_start(self) -> tuple[float, float]:
-        return self._commanded if self.share(WHEELS) >= MOSTLY else self.measured
 
     def _ahead(self, pose: Pose, obstacles: Obstacles) -> list[Waypoint]:
         """What to steer along: the remaining waypoints, or points on the line between them."""

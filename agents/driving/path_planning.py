@@ -225,9 +225,7 @@ class PathPlanning(Agent):
                 self._newest = pose, reading
             return
         if self._seen is None:
-            world = self._world
-            known = None if world is None else grid_in(world)
-            self._seen = Seen(known)
+            self._seen = Seen(None if self._world is None else grid_in(self._world))
         self._seen.move(pose)
         if isinstance(reading, Scan):
             with suppress(ValueError):  # the laser agent reports invalid scans

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armadico.agents.methods.grid import Grid
+from armadico.agents.methods.poses import wrapped
 from armadico.mobile.geometry import Pose2
 
-Floats = NDArray[np.floating]
+Floats = NDArray[np.float64]
 
 LEAST_DIFFERENCE: Final = 0.1
 """A leg with a smaller mean difference has no information: the cell size blurs it."""
@@ -65,7 +66,7 @@ def places_of(poses: Sequence[Pose2]) -> list[tuple[Pose2, float]]:
     total = len(left)
     while len(left):
         off = left - left[0]
-        turned = np.remainder(off[:, 2] + pi, tau) - pi
+        turned = wrapped(off[:, 2])
         near = (np.hypot(off[:, 0], off[:, 1]) < APART_M) & (np.abs(turned) < APART_RAD)
         x, y = left[near, :2].mean(axis=0)
         heading = float(left[0, 2] + turned[near].mean())
@@ -98,10 +99,10 @@ class ActiveLocalizer:
         if len(places) < 2:
             return None
         poses, shares = np.array([pose for pose, _ in places]), np.array([s for _, s in places])
-        headings = np.arange(DIRECTIONS) * (tau / DIRECTIONS)
-        far = FREE_STEP_M * np.arange(1, 1 + round(self._reach / FREE_STEP_M))
+        headings = np.arange(DIRECTIONS, dtype=np.float64) * (tau / DIRECTIONS)
+        far = FREE_STEP_M * np.arange(1.0, 1 + round(self._reach / FREE_STEP_M))
         heavy = poses[shares >= LIKELY_SHARE * shares.max()]
-        shut = self._clearance(*self._ways(heavy, headings, far)) < self._radius
+        shut = self._grid.clearances(*self._ways(heavy, headings, far)) < self._radius
         shut[..., -1] = True
         free = far[shut.argmax(axis=2)].min(axis=0) - FREE_STEP_M
         free = np.minimum(free, np.asarray(room))
@@ -132,15 +133,6 @@ class ActiveLocalizer:
             poses[:, 1, None, None] + np.sin(angle) * at,
         )
 
-    def _clearance(self, x: Floats, y: Floats) -> Floats:
-        grid = self._grid
-        rows, columns = grid.clearance.shape
-        west, south = grid.bounds[:2]
-        row = np.clip(((y - south) / grid.cell_m).astype(np.intp), 0, rows - 1)
-        column = np.clip(((x - west) / grid.cell_m).astype(np.intp), 0, columns - 1)
-        found: Floats = grid.clearance[row, column]
-        return found
-
     def _expected_ranges(self, x: Floats, y: Floats, bearings: Floats) -> Floats:
         """Expected ranges in the cone about each bearing, m; without an echo: the reach."""
         x, y, bearings = np.broadcast_arrays(x, y, bearings)
@@ -148,13 +140,13 @@ class ActiveLocalizer:
         way, near = np.zeros(x.shape), 0.6 * self._grid.cell_m
         going = np.ones(x.shape, dtype=np.bool_)
         for _ in range(round(self._reach / 0.1)):
-            step = self._clearance(x + c * way, y + s * way)
+            step = self._grid.clearances(x + c * way, y + s * way)
             going &= (step > near) & (way < self._reach)
             if not going.any():
                 break
             way = np.where(going, way + np.maximum(step, 0.5 * near), way)
         back = np.maximum(way - BEFORE_M, 0.0)
-        slant = self._clearance(x + c * back, y + s * back) < SQUARE * (way - back)
+        slant = self._grid.clearances(x + c * back, y + s * back) < SQUARE * (way - back)
         ranges = np.where(slant | (way >= self._reach), self._reach, way)
         wide = np.pad(ranges, [(0, 0)] * (ranges.ndim - 1) + [(1, 1)], mode="edge")
         found: Floats = np.minimum(np.minimum(wide[..., :-2], wide[..., 2:]), ranges)

@@ -84,9 +84,8 @@ class Encoder(Agent):
         self._origin: Pose2 | None = None  # its pose in the world; None: not known yet
         self._known = 0, STOOD  # the origin's epoch, and the last odometry of that epoch
         self._published = 0
-        self._unpublished = (
-            False  # confidence was lost, or the origin jumped, since it was published
-        )
+        # Whether confidence was lost, or the origin jumped, since it was published.
+        self._unpublished = False
         self._waited = 0  # cycles without an origin
         self._correction: Correction | None = None
         self._revision = 0  # of the map that the origin belongs to

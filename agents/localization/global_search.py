@@ -21,6 +21,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from armadico.agents.localization.sonar_model import Poses
+from armadico.agents.methods.poses import wrapped
 from armadico.mobile.geometry import STOOD, Pose2, compose, relative, wrap
 from armadico.mobile.messages import Echo
 
@@ -390,7 +391,7 @@ class Search:
             best.append(int(left[0]))
             away = np.hypot(x - x[0], y - y[0]) > APART_M
             near = np.flatnonzero(~away)  # only their headings matter, and angles are slow
-            away[near] = np.abs(angles_from(theta[near], float(theta[0]))) > APART_RAD
+            away[near] = np.abs(wrapped(theta[near] - float(theta[0]))) > APART_RAD
             left, x, y, theta = left[away], x[away], y[away], theta[away]
         return guesses[best], logs[best]
 
@@ -433,12 +434,6 @@ def log_likelihoods(likelihood: NDArray[np.float32]) -> NDArray[np.float64]:
         LEAST_LIKELIHOOD + (1.0 - LEAST_LIKELIHOOD) * likelihood, dtype=np.float64
     )
     return logs
-
-
-def angles_from(theta: NDArray[np.floating], reference: float) -> NDArray[np.floating]:
-    """Headings relative to a reference, in [-pi, pi), rad."""
-    turned: NDArray[np.floating] = np.remainder(theta - reference + np.pi, 2.0 * np.pi) - np.pi
-    return turned
 
 
 def _moved_with_errors(guesses: Poses, motion: Pose2, way: float, turn: float) -> Poses:

@@ -401,16 +401,15 @@ class Localization(Agent):
         The controller counts on while the robot agent is down. If the odometry was reset, the
         motion meanwhile is unknown.
         """
-        odometry, before = (
-            Odometry((state.x, state.y, state.theta), state.cycle.epoch),
-            self._odometry,
-        )
+        before = self._odometry
+        odometry = Odometry((state.x, state.y, state.theta), state.cycle.epoch)
         self._odometry = odometry
         if before is None or not self._started:
             return
         if odometry.epoch != before.epoch and was_reset(before.pose, odometry.pose):
             self._filter.scatter_by(UNCOUNTED_M, UNCOUNTED_RAD)
-            self._begin_window()
+            if self._by_scans:
+                self._window, self._on_map_m = Window(self._wheels), 0.0
             self._searches = Searches(at=self._searches.at)
             self._belief = replaced(self._belief, unmoved=None)
             return
@@ -456,10 +455,6 @@ class Localization(Agent):
     def _anchored(self) -> bool:
         """Whether the robot has driven far enough on the map to be sure of its place there."""
         return self._on_map_m >= self.p.proved_m
-
-    def _begin_window(self) -> None:
-        if self._by_scans:
-            self._window, self._on_map_m = Window(self._wheels), 0.0
 
     def _see(self, scan: Scan) -> None:
         """Correct the motion by a scan; notice that it contradicts those before."""

@@ -24,11 +24,11 @@ from armadico.agents.localization.global_search import (
     History,
     Model,
     Search,
-    angles_from,
     log_likelihoods,
     uniform_poses,
 )
 from armadico.agents.localization.sonar_model import Poses
+from armadico.agents.methods.poses import wrapped
 from armadico.config.profile import NARROW, Odometry
 from armadico.mobile.geometry import STOOD, Pose2, relative, wrap
 from armadico.mobile.messages import Echo
@@ -173,7 +173,8 @@ class MonteCarlo:
         self._turned = inf
         self._logs: deque[float] = deque(maxlen=settings.judged)  # of the newest likelihoods
         self._weigh_against(0.0)
-        self._hits = MAPPED_HITS  # running mean over the rays
+        # Running mean hit of a laser's rays on the map, 0 to 1, at the particles that fit best.
+        self.hits = MAPPED_HITS
         self.history = History(settings.search)
         self.bound = Bound(odometry)  # of the estimate's covariance
 
@@ -211,7 +212,7 @@ class MonteCarlo:
         self.history.clear()
         self._logs.clear()
         self._weigh_against(0.0)
-        self._hits = MAPPED_HITS
+        self.hits = MAPPED_HITS
         self._moved = self._turned = inf
 
     def _uncalibrated(self, n: int, share: float = 1.0) -> Poses:
@@ -314,27 +315,29 @@ class MonteCarlo:
             likelihood = self._without_unmapped(likelihood)
         trust = self.settings.doubtful if self.lost else self.settings.trust
         if self.settings.leaves and not self.lost:
-            trust *= min(1.0, max(0.0, (self._hits - UNSEEN) / (PARTLY - UNSEEN)))
+            trust *= min(1.0, max(0.0, (self.hits - UNSEEN) / (PARTLY - UNSEEN)))
         logs = trust * np.einsum("ij->i", np.log(likelihood), dtype=np.float64)  # faster than sum
         if self._fits_in is not None:
             x, y = self.poses[:, :2].T.astype(np.float64)
             logs[~self._fits_in(x, y)] += IN_WALL
-        self.weights = self._weighed(logs)
-        if 1.0 / float(self.weights @ self.weights) < 0.5 * len(self.poses):
-            self._resample()
+        self._reweigh(logs)
 
     def weigh_heading(self, heading: float, deviation: float) -> None:
         """Weigh the particles by a heading that was measured, with its deviation, rad."""
         self.changes += 1
-        off = angles_from(self.poses[:, 2], heading).astype(np.float64)
-        self.weights = self._weighed(-0.5 * (off / deviation) ** 2)
+        off = wrapped(self.poses[:, 2] - heading).astype(np.float64)
         self.bound.see(np.diag([0.0, 0.0, deviation**-2]))
-        if 1.0 / float(self.weights @ self.weights) < 0.5 * len(self.poses):
-            self._resample()
+        self._reweigh(-0.5 * (off / deviation) ** 2)
 
     def tell(self, pose: Pose2, echoes: Sequence[Echo]) -> None:
         """Narrow the bound by what readings tell at a pose."""
         self.bound.see(information(self._model, pose, echoes, self.settings.told))
+
+    def _reweigh(self, logs: NDArray[np.float64]) -> None:
+        """Multiply the weights by these likelihoods; resample if few particles hold the weight."""
+        self.weights = self._weighed(logs)
+        if 1.0 / float(self.weights @ self.weights) < 0.5 * len(self.poses):
+            self._resample()
 
     def _weighed(self, logs: NDArray[np.float64]) -> NDArray[np.float64]:
         """The weights times these likelihoods, normalized."""
@@ -353,21 +356,16 @@ class MonteCarlo:
         hits = (likelihood - random) / (np.float32(1.0) - random)
         logs = self.settings.trust * np.log(likelihood).sum(axis=1, dtype=np.float64)
         seen = float(self._weighed(logs) @ hits.mean(axis=1))
-        self._hits += UNMAPPED_GAIN * (seen - self._hits)
+        self.hits += UNMAPPED_GAIN * (seen - self.hits)
         share = np.float32(self.unmapped)
         softer: NDArray[np.float32] = (np.float32(1.0) - share) * hits + share
         return softer
 
     @property
-    def hits(self) -> float:
-        """Mean hit of a laser's rays on the map, 0 to 1, at the particles that fit best."""
-        return self._hits
-
-    @property
     def unmapped(self) -> float:
         """Estimated share of a laser's rays that end at unmapped objects."""
         least, most = UNMAPPED
-        return min(max(1.0 - self._hits / MAPPED_HITS, least), most)
+        return min(max(1.0 - self.hits / MAPPED_HITS, least), most)
 
     @property
     def fit(self) -> float:
@@ -421,7 +419,7 @@ class MonteCarlo:
         self.wheels = self._uncalibrated(len(guesses), 0.5)
         self.wheels += guesses[:, 3:]
         self.weights = np.repeat(shares / (each * shares.sum()), each)
-        self._hits = MAPPED_HITS
+        self.hits = MAPPED_HITS
 
     def _resample(self) -> None:
         """Resample with low variance; the number of particles is that of KLD sampling."""
@@ -473,7 +471,7 @@ class MonteCarlo:
     def scatter(self) -> NDArray[np.float64]:
         """The covariance of all particles about their mean, (3, 3)."""
         off = self.poses.astype(np.float64)
-        off[:, 2] = angles_from(off[:, 2], _heading(off[:, 2], self.weights))
+        off[:, 2] = wrapped(off[:, 2] - _heading(off[:, 2], self.weights))
         off[:, :2] -= self.weights @ off[:, :2]
         covariance: NDArray[np.float64] = (off * self.weights[:, None]).T @ off
         return covariance
@@ -498,7 +496,7 @@ class MonteCarlo:
             if changes == self.changes and max(map(abs, relative(before, about))) < SETTLED:
                 return found
         x, y, theta = self._heaviest() if about is None else about
-        turned = angles_from(self.poses[:, 2], theta)
+        turned = wrapped(self.poses[:, 2] - theta)
         off = np.column_stack([self.poses[:, 0] - x, self.poses[:, 1] - y, turned])
         far = np.hypot(off[:, 0], off[:, 1])
         near = (far < CLUSTER_M) & (np.abs(turned) < CLUSTER_RAD)

@@ -11,6 +11,7 @@ from typing import Annotated, ClassVar, Final, NamedTuple
 from msgspec import Meta
 
 from armadico.agents.localization.active_localization import DIRECTIONS, ActiveLocalizer, places_of
+from armadico.agents.methods.geometry import rotated
 from armadico.agents.methods.grid import CELL_M, check_extent, grid_of
 from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
@@ -463,6 +464,5 @@ class Relocate(Behaviour):
 
     def _room_in(self, obstacles: Obstacles, heading: float) -> float:
         """Free distance in a heading after turning there, m."""
-        c, s = cos(heading), sin(heading)
-        turned = [Point(c * o.x + s * o.y, c * o.y - s * o.x) for o in obstacles.points]
+        turned = rotated(obstacles.points, heading)
         return free_path(turned, 1.0, 0.0, self.body.outline, self.p.safety.margin_m)

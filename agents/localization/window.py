@@ -74,9 +74,9 @@ class Errors(NamedTuple):
 class Window:
     """Where the robot is by the scans of the last metres, in a frame of its own."""
 
-    def __init__(self, wheels: Odometry, parameters: FrontEndParameters | None = None) -> None:
+    def __init__(self, wheels: Odometry) -> None:
         """Begin without a scan; `wheels` are the standard deviations of the odometry."""
-        self.parameters = p = parameters or FrontEndParameters()
+        self.parameters = p = FrontEndParameters()
         self.front = FrontEnd(p, sides=True)
         self._wheels = wheels
         self._keys: deque[tuple[Floats, PointCloud]] = deque(maxlen=p.scan_buffer_size)

@@ -157,12 +157,7 @@ class Controller:
 
     def reset(self) -> None:
         self._turning = False
-        self._parked = False
-
-    @property
-    def parked(self) -> bool:
-        """Whether the last `steer` found the goal reached by the stop rule."""
-        return self._parked
+        self.parked = False  # whether the last `steer` found the goal reached by the stop rule
 
     def steer(
         self, pose: Posed, waypoints: Sequence[Posed], before: Speeds, period: float
@@ -194,7 +189,7 @@ class Controller:
             self.reset()
             return self._pass(pose, waypoints, rho, alpha)
         self._settle(pose, target, rho, alpha)
-        if self._parked:
+        if self.parked:
             return 0.0, 0.0
         if self._turning:
             law, off = self.settings.precise, wrap(target.theta - pose.theta)
@@ -243,4 +238,4 @@ class Controller:
         error = 0.0 if self.mode is Mode.FAST else abs(wrap(goal.theta - pose.theta))
         good = EXACT_RAD if self.off_rad else s.stop_rad
         leave = max(s.leave_rad, self.off_rad)
-        self._parked = self._turning and error <= (leave if self._parked else good)
+        self.parked = self._turning and error <= (leave if self.parked else good)

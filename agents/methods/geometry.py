@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple, Protocol
+
+from armadico.core.messages import Point
 
 
 class Positioned(Protocol):
@@ -48,3 +51,9 @@ def distance(a: Positioned, b: Positioned) -> float:
 def direction(a: Positioned, b: Positioned) -> float:
     """Direction from one place to another, rad in their frame."""
     return math.atan2(b.y - a.y, b.x - a.x)
+
+
+def rotated(points: Iterable[Point], heading: float) -> list[Point]:
+    """Points of the body frame as seen after a turn by a heading, rad."""
+    c, s = math.cos(heading), math.sin(heading)
+    return [Point(c * p.x + s * p.y, c * p.y - s * p.x) for p in points]

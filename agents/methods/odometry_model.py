@@ -37,7 +37,6 @@ class OdometryParameters(Struct, frozen=True, kw_only=True):
     rotation_noise: Positive = 0.03  # rad,
     rotation_from_rotation: Positive = 0.25  # of the turn,
     rotation_from_translation: Positive = 0.08  # rad/m
-    adapt: bool = True
     memory: Positive = 40.0  # steps that the estimate goes back
     least_factor: Positive = 0.3  # of the standard deviations
     most_factor: Positive = 1.0
@@ -47,9 +46,9 @@ class OdometryParameters(Struct, frozen=True, kw_only=True):
 class OdometryModel:
     """Corrects a step of the odometry and tells how far it may be off."""
 
-    def __init__(self, parameters: OdometryParameters | None = None) -> None:
+    def __init__(self, parameters: OdometryParameters) -> None:
         """Begin with the assumed deviations and no systematic error."""
-        self.parameters = parameters or OdometryParameters()
+        self.parameters = parameters
         self._bias = np.zeros(2)  # rad of error for each rad of turn, and for each m of way
         self._bias_covariance = np.diag(BIAS_VARIANCE)
         self._scale, self._scale_variance = 0.0, SCALE_VARIANCE  # of ways
@@ -71,8 +70,6 @@ class OdometryModel:
     def factors(self) -> tuple[float, float]:
         """Of the assumed deviations of position and of heading."""
         p = self.parameters
-        if not p.adapt:
-            return 1.0, 1.0
         position, heading = np.clip(
             p.margin * np.sqrt(self._squares), p.least_factor, p.most_factor
         ).tolist()
@@ -80,8 +77,6 @@ class OdometryModel:
 
     def corrected(self, step: Floats) -> Floats:
         """A step without the systematic error that is known so far."""
-        if not self.parameters.adapt:
-            return step
         way = hypot(step[0], step[1])
         turn = step[2] + self._bias @ np.array([step[2], way])
         half = 0.5 * (turn - step[2])  # a drift bends the whole step

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import cos, sin
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +11,10 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 
-def wrapped(angles: Floats) -> Floats:
-    """The same angles in [-pi, pi), rad."""
-    return (angles + np.pi) % (2.0 * np.pi) - np.pi
+def wrapped(angles: NDArray[Any]) -> NDArray[Any]:
+    """The same angles in [-pi, pi), rad, as exact as they are given."""
+    found: NDArray[Any] = (angles + np.pi) % (2.0 * np.pi) - np.pi
+    return found
 
 
 def compose(frames: Floats, local: Floats) -> Floats:

@@ -26,6 +26,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from armadico.agents.methods.geometry import Posed
+from armadico.agents.methods.poses import wrapped
 from armadico.config.grid_map import FREE, NOTHING, OCCUPIED, UNKNOWN, Cells
 from armadico.mobile.geometry import compose, to_world
 from armadico.mobile.messages import Echo, Scan
@@ -69,9 +70,9 @@ class Settings(Struct, frozen=True):
 class Mapper:
     """Log-odds of a part of the world, which grows with what is sensed."""
 
-    def __init__(self, half_cone: float = 0.0, settings: Settings | None = None) -> None:
+    def __init__(self, half_cone: float = 0.0) -> None:
         """Prepare for sonars with half a cone of this angle, rad; 0: none."""
-        self.p = settings or Settings()
+        self.p = Settings()
         self._half = half_cone
         self._row = self._column = 0  # of the corner, in cells from `_lines`
         self.full = False  # readings were left out, since the map would become too large
@@ -113,8 +114,7 @@ class Mapper:
             return
         odds, dx, dy = window[0], window[1] - x, window[2] - y
         away = np.hypot(dx, dy)
-        off = np.arctan2(dy, dx) - bearing
-        off = (off + np.pi) % (2.0 * np.pi) - np.pi
+        off = wrapped(np.arctan2(dy, dx) - bearing)
         cone = (np.abs(off) <= half) & (away <= span)
         fading = 1.0 - (1.0 - p.far) * away / p.reach_m
         centred = 1.0 - (off / half) ** 2

@@ -34,7 +34,7 @@ _RESULTS = np.array([RayResult.NONE, RayResult.SEEN, RayResult.THROUGH, RayResul
 
 
 class _Rays(NamedTuple):
-    """The newest scan, moved with the robot since it was taken."""
+    """The newest scan, in the body frame of its cycle."""
 
     x: float
     y: float
@@ -64,11 +64,6 @@ class ScanMap(Near):
         self._points = np.column_stack(
             [c * dx + sn * dy, c * dy - sn * dx, memory * self._points[:, 2]]
         )
-        rays = self._rays
-        if rays is not None:
-            x, y = rays.x - motion.x, rays.y - motion.y
-            at = c * x + sn * y, c * y - sn * x
-            self._rays = _Rays(*at, rays.first - motion.theta, rays.step, rays.ranges)
         self._keep(self._points)
 
     def update(self, scan: Scan) -> int:

@@ -15,16 +15,15 @@ from armadico.agents.methods.odometry import WIDEST, was_reset
 from armadico.agents.methods.poses import Floats, compose, relative, wrapped
 from armadico.agents.methods.scan_matching import Indices, MatcherParameters
 from armadico.agents.methods.slices import Sliced, finished
+from armadico.agents.slam import states
 from armadico.agents.slam.key_map import points_of
 from armadico.agents.slam.loop_closure import LoopParameters
-from armadico.agents.slam.moved import map_moved
 from armadico.agents.slam.slam import (
     UNKNOWN,
     Slam,
     SlamParameters,
     Update,
 )
-from armadico.agents.slam.states import Moved
 from armadico.config import graph_file, grid_map, map_graphs
 from armadico.config.graph_file import DrawnScan, Footprint, SavedGraph
 from armadico.config.graph_parts import Incoming, Outgoing
@@ -36,6 +35,7 @@ from armadico.core.config_errors import ConfigError
 from armadico.core.messages import Card, Description, Message, RobotState, line
 from armadico.mobile.messages import (
     COVARIANCE,
+    MOVED,
     Correction,
     InitialPose,
     MapGraph,
@@ -45,6 +45,7 @@ from armadico.mobile.messages import (
     MapLoadRequest,
     MapMoved,
     MapRequest,
+    Moved,
     OccupancyGrid,
     Pose,
     Scan,
@@ -87,6 +88,10 @@ UNJOINED = 0.5
 still moves the pose, which is right on the map as it is published."""
 
 LONGEST_REFUSAL = 500
+
+TOLD_M = 1.0
+"""Key scans nearer than this to each other are told by one of them, in a map that is small enough:
+an optimisation moves neighbours alike."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -426,7 +431,7 @@ class SlamAgent(Agent):
         self._begin(mapper, part, shown)
         self._report()
 
-    def _adopt(self, moved: Moved) -> None:
+    def _adopt(self, moved: states.Moved) -> None:
         self._slam.adopt(moved)
         self._forget()
 
@@ -575,3 +580,22 @@ def _parameters(p: Parameters) -> SlamParameters:
         matcher=MatcherParameters(resolution=p.resolution),
         loops=loops,
     )
+
+
+def map_moved(revision: int, before: Floats, after: Floats) -> MapMoved:
+    """The message of a new revision, by the key scans' poses (n, 3) before and after it."""
+    if not len(before):
+        return MapMoved(revision)
+    apart = TOLD_M
+    while len(kept := _thinned(before, apart)) > MOVED:
+        apart *= 2.0
+    turns = wrapped(after[:, 2] - before[:, 2])
+    columns = (before[kept, 0], before[kept, 1], after[kept, 0], after[kept, 1], turns[kept])
+    return MapMoved(revision, tuple(Moved(*row) for row in np.column_stack(columns).tolist()))
+
+
+def _thinned(poses: Floats, apart: float) -> list[int]:
+    """The first pose in each cell of a grid, in order."""
+    cells = np.floor(poses[:, :2] / apart).astype(np.int64)
+    _, first = np.unique(cells, axis=0, return_index=True)
+    return sorted(first.tolist())

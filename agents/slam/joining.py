@@ -20,11 +20,10 @@ import numpy as np
 from msgspec import Struct, structs
 
 from armadico.agents.methods.parameters import Count, Positive
-from armadico.agents.methods.poses import Floats, compose, relative, transformed, wrapped
+from armadico.agents.methods.poses import compose, relative, transformed, wrapped
 from armadico.agents.methods.scan_matching import (
     Indices,
     LikelihoodField,
-    PointCloud,
     in_world,
     seen,
     share_of,
@@ -33,7 +32,7 @@ from armadico.agents.methods.scan_matching import (
 )
 from armadico.agents.methods.slices import finished
 from armadico.agents.slam.key_map import KeyMap, points_of
-from armadico.agents.slam.loop_closure import Loop, LoopCloser, agree
+from armadico.agents.slam.loop_closure import Loop, LoopCloser, Track, agree
 from armadico.agents.slam.pose_graph import Edge, PoseGraph
 from armadico.agents.slam.relocation import Recognised, Relocator
 from armadico.agents.slam.slam import UNKNOWN, SlamParameters
@@ -56,7 +55,7 @@ KNOWN: Final = 20
 """Points of a scan that the earlier session has seen, at least, or the scan does not count."""
 
 
-class JoinParameters(Struct, frozen=True, kw_only=True):
+class _Join(Struct, frozen=True, kw_only=True):
     """How much must agree before two sessions are joined."""
 
     searches: Count = 40  # of places, at most, spread over the way
@@ -74,16 +73,19 @@ class JoinParameters(Struct, frozen=True, kw_only=True):
     doubt: Positive = 0.2  # share of that way that may speak against it
 
 
+JOIN: Final = _Join()
+
+
 class Overlap(NamedTuple):
     """How the scans of the later session lie on the earlier map, where both have been."""
 
     fits: float  # m of way
     contradicts: float  # m of way
 
-    def proves(self, join: JoinParameters) -> bool:
+    @property
+    def proves(self) -> bool:
         """Whether the place is right."""
-        enough = self.fits >= join.proved_way
-        return enough and self.contradicts <= join.doubt * self.fits
+        return self.fits >= JOIN.proved_way and self.contradicts <= JOIN.doubt * self.fits
 
 
 @dataclass(frozen=True)
@@ -112,25 +114,23 @@ def joined(
     earlier: SavedGraph,
     later: SavedGraph,
     parameters: SlamParameters,
-    join: JoinParameters | None = None,
-    step: Callable[[], None] = lambda: None,
+    step: Callable[[], None],
 ) -> Joined | tuple[Found, ...]:
     """Join two maps, or tell for each part of the later one why it has no place.
 
     The earlier map, of which the main part is searched, stays where it is, up to what the loops
-    correct. `step` is called `steps(later, join)` times at most.
+    correct. `step` is called `steps(later)` times at most.
     """
-    joint = _Joint(earlier, later, parameters, join or JoinParameters(), step)
+    joint = _Joint(earlier, later, parameters, step)
     found = tuple(joint.place(part) for part in joint.parts)
     if all(one.refusal for one in found):
         return found
     return Joined(joint.saved(), joint.first, found)
 
 
-def steps(later: SavedGraph, join: JoinParameters | None = None) -> int:
+def steps(later: SavedGraph) -> int:
     """How often `joined` tells its progress: for each search, and for each key scan."""
-    parts = len(np.unique(later.part))
-    return len(later.poses) + parts * (join or JoinParameters()).searches
+    return len(later.poses) + len(np.unique(later.part)) * JOIN.searches
 
 
 class _Joint:
@@ -141,10 +141,9 @@ class _Joint:
         earlier: SavedGraph,
         later: SavedGraph,
         parameters: SlamParameters,
-        join: JoinParameters,
         step: Callable[[], None],
     ) -> None:
-        self.p, self.join, self.step = parameters, join, step
+        self.p, self.step = parameters, step
         self.work = 0
         self.first = len(earlier.poses)
         self.both = _beside(earlier, later, parameters.loops.loop_minimum_way)
@@ -170,7 +169,7 @@ class _Joint:
 
     def place(self, part: int) -> Found:
         """Search the place of a part of the later map; join it if it is proved."""
-        j = self.join
+        j = JOIN
         mine = np.flatnonzero(self.map.part == part)
         places: list[Recognised] = []
         best: list[Recognised] = []
@@ -200,7 +199,7 @@ class _Joint:
         overlap = self._overlap(mine)
         loops = len(self.map.loops) - len(before[2])
         found = replace(found, overlap=overlap, loops=loops)
-        if overlap.proves(j):
+        if overlap.proves:
             return found
         self.map.poses, self.map.graph.edges, self.map.loops = before
         self.map.graph.weights, self.map.part[mine] = weights, part
@@ -208,7 +207,7 @@ class _Joint:
 
     def _chosen(self, mine: Indices) -> list[int]:
         """At which of the key scans of a part it is searched: first far apart, then between."""
-        j, way = self.join, np.asarray(self.map.way)[mine]
+        j, way = JOIN, np.asarray(self.map.way)[mine]
         headings = self.map.poses[mine, 2]
         turns = np.abs(wrapped(np.diff(headings, prepend=headings[0])))
         effort = way - way[0] + 0.5 * np.cumsum(turns)
@@ -247,7 +246,7 @@ class _Joint:
 
         def alike(a: Recognised, b: Recognised) -> bool:
             here, apart = relative(poses[a.end], poses[b.end]), way[a.end] - way[b.end]
-            return agree(relative(a.pose, b.pose), here, apart, self.join.angle)
+            return agree(relative(a.pose, b.pose), here, apart, JOIN.angle)
 
         table = np.array([[alike(a, b) for b in places] for a in places])
         best = table[int(np.argmax(table.sum(axis=1)))]
@@ -289,7 +288,7 @@ class _Joint:
         closer, newest = LoopCloser(self.p.loops, self.p.matcher), self.map.way[mine[0]]
         fresh: list[Loop] = []
         for at in mine.tolist():
-            view = _View.of(self.map, at, self.first)
+            view = _view(self.map, at, self.first)
             radius = closer.radius(0.0, self.map.way[at] - newest)
             found = finished(closer.finding(view, radius))
             if found:
@@ -304,7 +303,7 @@ class _Joint:
 
     def _overlap(self, mine: Indices) -> Overlap:
         """The ways over which scans of a part fit the earlier map, and contradict it."""
-        scans, j = self.map, self.join
+        scans, j = self.map, JOIN
         steps = np.diff(np.asarray(scans.way)[mine], prepend=scans.way[mine[0]])
         fits = contradicts = 0.0
         for at, step in zip(mine.tolist(), np.minimum(steps, 1.5).tolist(), strict=True):
@@ -325,9 +324,7 @@ class _Joint:
         """
         scans, pose = self.map, self.map.poses[at]
         old = np.flatnonzero(scans.part[: self.first] == self.main)
-        away = np.hypot(*(scans.poses[old, :2] - pose[:2]).T)
-        order = np.argsort(away, kind="stable")[:NEAR]
-        near = old[order[away[order] < NEAR_M]].tolist()
+        near = scans.near(pose, old, NEAR, NEAR_M)
         if not near:
             return None
         pairs, cloud, origin = scans.pairs(near), scans.clouds[at], self.origins[at]
@@ -345,20 +342,14 @@ class _Joint:
         return fit, through_walls(pairs, thin, pose, cloud, origin)[0]
 
 
-class _View(NamedTuple):
-    """The earlier map and a session up to a key scan, whose loops are on that map only."""
+def _view(scans: KeyMap, newest: int, first: int) -> Track:
+    """The earlier map and a session, that begins with `first`, up to its key scan `newest`.
 
-    poses: Floats
-    way: Sequence[float]
-    clouds: Sequence[PointCloud]
-    part: Indices
-
-    @classmethod
-    def of(cls, scans: KeyMap, newest: int, first: int) -> _View:
-        """The view of a key scan of the session that begins with another one."""
-        part = scans.part[: newest + 1].copy()
-        part[first:newest] = -1
-        return cls(scans.poses[: newest + 1], scans.way, scans.clouds, part)
+    Loops of the latter are on the earlier map only.
+    """
+    part = scans.part[: newest + 1].copy()
+    part[first:newest] = -1
+    return Track(scans.poses[: newest + 1], scans.way, scans.clouds, part)
 
 
 def _unknown(edge: Edge) -> bool:

@@ -16,7 +16,7 @@ from armadico.agents.methods.scan_matching import (
     PointCloud,
     in_world,
 )
-from armadico.agents.slam.loop_closure import Loop
+from armadico.agents.slam.loop_closure import Loop, Track
 from armadico.agents.slam.pose_graph import Edge, PoseGraph
 from armadico.agents.slam.relocation import Recognised, Scans
 from armadico.config.graph_file import DrawnScan, Footprint, SavedGraph
@@ -33,8 +33,8 @@ def points_of(scan: Scan, max_range: float) -> PointCloud:
 class KeyMap:
     """Key scans, each with an entry in five columns, and what is known between them.
 
-    A change of `poses` replaces the array, and the lists only grow or are cut at the end. So a
-    shallow copy goes on to describe the key scans that its `poses` have.
+    A change of `poses` replaces the array, and the lists only grow or are cut at the end. So
+    `track` goes on to describe the key scans that it has.
     """
 
     graph: PoseGraph
@@ -50,6 +50,11 @@ class KeyMap:
 
     def __len__(self) -> int:
         return len(self.poses)
+
+    @property
+    def track(self) -> Track:
+        """The key scans that there are."""
+        return Track(self.poses, self.way, self.clouds, self.part)
 
     def add(self, pose: Floats, way: float, cloud: PointCloud, number: int, part: int) -> None:
         """Add a key scan, some way (m) after the one before."""
@@ -152,6 +157,12 @@ class KeyMap:
         off = self.poses[there] - pose
         away = np.hypot(off[:, 0], off[:, 1]) + 0.3 * np.abs(wrapped(off[:, 2]))
         return [int(k) for k in there[np.argsort(away, kind="stable")[:most]]]
+
+    def near(self, pose: Floats, which: Indices, most: int, within: float) -> list[int]:
+        """The nearest of some key scans, at most so many and so near, m; the nearest first."""
+        away = np.hypot(*(self.poses[which, :2] - pose[:2]).T)
+        order = np.argsort(away, kind="stable")[:most]
+        return [int(k) for k in which[order[away[order] < within]]]
 
     # Its file -------------------------------------------------------------------------------------
 

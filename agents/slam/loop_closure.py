@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from enum import Enum
 from math import hypot
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 import numpy as np
 from msgspec import Struct
@@ -39,7 +39,7 @@ from armadico.agents.methods.scan_matching import (
     point_to_line,
     voxel_filtered,
 )
-from armadico.agents.methods.slices import Sliced, finished
+from armadico.agents.methods.slices import Sliced
 
 FIELD_WORK: Final = 80
 """Work of a point of a new field, in look-ups (`slices`)."""
@@ -95,24 +95,13 @@ class Refusal(Enum):
     ALONE = "no support yet"
 
 
-class Trajectory(Protocol):
-    """The key scans of a map; those beyond the poses are not used."""
+class Track(NamedTuple):
+    """The key scans of a map at a time; entries beyond the poses are not used."""
 
-    @property
-    def poses(self) -> Floats:
-        """The poses (n, 3)."""
-
-    @property
-    def way(self) -> Sequence[float]:
-        """The way driven at each, m."""
-
-    @property
-    def clouds(self) -> Sequence[PointCloud]:
-        """The points of each."""
-
-    @property
-    def part(self) -> Indices:
-        """The part of the map that each is of; loops are within one."""
+    poses: Floats  # (n, 3)
+    way: Sequence[float]  # driven at each, m
+    clouds: Sequence[PointCloud]
+    part: Indices  # of the map that each is of; loops are within one
 
 
 class LoopCloser:
@@ -134,12 +123,8 @@ class LoopCloser:
         uncertain = max(p.loop_search_deviations * deviation, p.loop_search_share * way)
         return min(p.loop_search_maximum_distance, p.loop_search_minimum_distance + uncertain)
 
-    def find(self, track: Trajectory, radius: float) -> list[Loop]:
+    def finding(self, track: Track, radius: float) -> Sliced[list[Loop]]:
         """The loops of the newest scan that are accepted now, with those that they support."""
-        return finished(self.finding(track, radius))
-
-    def finding(self, track: Trajectory, radius: float) -> Sliced[list[Loop]]:
-        """Do `find` in slices."""
         found: list[Loop] = []
         for near in self._places(track, radius):
             loop = yield from self._matched(track, near, radius)
@@ -149,7 +134,7 @@ class LoopCloser:
                 found += self._supported(track, loop)
         return found
 
-    def _places(self, track: Trajectory, radius: float) -> list[int]:
+    def _places(self, track: Track, radius: float) -> list[int]:
         """The nearest earlier scan of each visit, by place and a little by heading."""
         p, newest = self.parameters, len(track.poses) - 1
         way, here = np.asarray(track.way[: newest + 1]), track.poses[newest]
@@ -166,7 +151,7 @@ class LoopCloser:
                 found.append(scan)
         return found
 
-    def _matched(self, track: Trajectory, near: int, radius: float) -> Sliced[Loop | Refusal]:
+    def _matched(self, track: Track, near: int, radius: float) -> Sliced[Loop | Refusal]:
         """The newest scans on the chain about an earlier one."""
         p, newest = self.parameters, len(track.poses) - 1
         way, here = track.way, track.poses[newest]
@@ -216,7 +201,7 @@ class LoopCloser:
             hypot(moved[0], moved[1]),
         )
 
-    def _supported(self, track: Trajectory, loop: Loop) -> list[Loop]:
+    def _supported(self, track: Track, loop: Loop) -> list[Loop]:
         """A loop with those that agree with it, if it needs none or has enough of them."""
         p, way = self.parameters, track.way
         turn = relative(track.poses[loop.start], track.poses[loop.end])[2] - loop.pose[2]
@@ -236,7 +221,7 @@ class LoopCloser:
         return found
 
 
-def _agree(track: Trajectory, a: Loop, b: Loop) -> bool:
+def _agree(track: Track, a: Loop, b: Loop) -> bool:
     """Whether the circle over two loops and the ways between them closes."""
     there = compose(a.pose, relative(track.poses[a.end], track.poses[b.end]))
     here = compose(relative(track.poses[a.start], track.poses[b.start]), b.pose)

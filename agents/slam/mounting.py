@@ -27,7 +27,7 @@ from armadico.agents.methods.scan_matching import (
     point_to_line,
     voxel_filtered,
 )
-from armadico.agents.slam.logs.logs import Log
+from armadico.agents.slam.logs.logs import Log, interpolated
 from armadico.core.messages import Cycle
 from armadico.mobile.geometry import STOOD
 from armadico.mobile.messages import Scan
@@ -97,7 +97,7 @@ class Drive:
 
     def at_scans(self, path: Floats, late: float = 0.0) -> Floats:
         """(n, 3) poses at the scans, if their stamps are so late, s."""
-        return compose(_at(self.rows, path, self.times - late), self.after)
+        return compose(interpolated(self.rows, path, self.times - late), self.after)
 
 
 def drive_of(log: Log, readings: Sequence[int]) -> Drive | None:
@@ -129,7 +129,7 @@ def drive_of(log: Log, readings: Sequence[int]) -> Drive | None:
         back = relative(mount, np.zeros(3))
         there = compose(path[rows], compose(places, back))
         ages = np.arange(0.0, 0.5, 0.01)  # the usual time from a scan to its cycle
-        afters = [relative(_at(log.times, path, times - age), there) for age in ages]
+        afters = [relative(interpolated(log.times, path, times - age), there) for age in ages]
         best = int(np.argmin([np.abs(one).sum() for one in afters]))
         times, after = times - ages[best], afters[best]
 
@@ -138,10 +138,6 @@ def drive_of(log: Log, readings: Sequence[int]) -> Drive | None:
 
     about = mount, first.step, first.rays
     return Drive(times, log.times, path, *about, ranges, after)
-
-
-def _at(rows: Floats, path: Floats, times: Floats) -> Floats:
-    return np.column_stack([np.interp(times, rows, one) for one in path.T])
 
 
 # Motions of the scanner ---------------------------------------------------------------------------

@@ -46,19 +46,12 @@ class Kernel(Enum):
     """How the weight of a loop edge falls with its error."""
 
     NONE = "none"
-    HUBER = "huber"
-    CAUCHY = "cauchy"
     DCS = "dcs"
 
     def weight(self, chi2: Floats, scale: float) -> Floats:
         """The weight of edges with a squared error, in standard deviations."""
-        match self:
-            case Kernel.NONE:
-                return np.ones_like(chi2)
-            case Kernel.HUBER:
-                return np.minimum(1.0, np.sqrt(scale / np.maximum(chi2, 1e-9)))
-            case Kernel.CAUCHY:
-                return 1.0 / (1.0 + chi2 / scale)
+        if self is Kernel.NONE:
+            return np.ones_like(chi2)
         return np.minimum(1.0, 2.0 * scale / (scale + chi2)) ** 2
 
 
@@ -89,7 +82,6 @@ class PoseGraph:
 
     parameters: GraphParameters = field(default_factory=GraphParameters)
     edges: list[Edge] = field(default_factory=list)
-    rounds: int = 0  # of the newest optimisation
     weights: Floats = field(default_factory=lambda: np.zeros(0))
     """Of the edges after the newest optimisation: 1 counts, near 0 is switched off."""
 
@@ -138,7 +130,6 @@ class PoseGraph:
             step = yield from order.solve(terms, linear, p.damping)
             found[1:] += step[1:]
             found[:, 2] = wrapped(found[:, 2])
-            self.rounds = turn + 1
             small = np.abs(step).max() < p.step or abs(before - cost) < p.gain * max(1.0, cost)
             if small and turn >= trusting:
                 break
@@ -146,11 +137,6 @@ class PoseGraph:
         chi2 = terms.chi2(terms.errors(found))
         self.weights = np.where(terms.loop, p.loss.weight(chi2, p.loss_scale), 1.0)
         return found
-
-    def chi2(self, poses: Floats) -> Floats:
-        """The squared error of each edge, in standard deviations."""
-        terms = _Terms.of(self.edges)
-        return terms.chi2(terms.errors(poses))
 
 
 class _Linear(NamedTuple):

@@ -14,7 +14,6 @@ its place on it is found (`relocation`). Its next key scans are the `Proof` of t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from math import hypot, pi
 from typing import Final, NamedTuple
 
@@ -113,7 +112,6 @@ class Update(NamedTuple):
     covariance: Floats  # (3, 3) of it, since the last loop
     key: bool  # whether the scan was added to the map
     inliers: float  # share of the points of the newest key scan that fit
-    revision: int  # of the map that the pose belongs to
     near_covariance: Floats  # (3, 3) of the pose on the map near it
     matched: bool = True  # whether the scan was matched, as each key scan is
 
@@ -266,7 +264,7 @@ class Slam:
             step = relative(placed.at, odometry)
             more = self.front.model.prior(step).covariance
             covariance, near = (self._moved(one, step, more) for one in (covariance, near))
-        return Update(pose, covariance, key, placed.inliers, self.map.revision, near, matched)
+        return Update(pose, covariance, key, placed.inliers, near, matched)
 
     def _moved(self, covariance: Floats, step: Floats, more: Floats) -> Floats:
         """A covariance after a step from the newest matched scan, whose own is in the world."""
@@ -447,7 +445,7 @@ class Slam:
         p, placed = self.parameters, self._placed
         deviation = float(np.sqrt(np.linalg.eigvalsh(placed.covariance[:2, :2])[-1]))
         radius = self.closer.radius(deviation, self.map.way[-1] - placed.loop_way)
-        found = yield from self.closer.finding(copy(self.map), radius)
+        found = yield from self.closer.finding(self.map.track, radius)
         self._add_loops(found)
         self._backlog.moving |= any(loop.moved >= p.loops.loop_near for loop in found)
 
@@ -493,12 +491,9 @@ class Slam:
         """Compare the newest key scan with the walls of the map that its part was joined to."""
         p, scans, pose = self.parameters, self.map, self.map.poses[-1]
         old = np.flatnonzero(scans.present[: proof.first])
-        away = np.hypot(*(scans.poses[old, :2] - pose[:2]).T)
-        near = old[np.argsort(away, kind="stable")[:PROVED_NEAR]]
-        near = near[np.hypot(*(scans.poses[near, :2] - pose[:2]).T) < PROVED_M]
-        if not len(near):
+        chain = scans.near(pose, old, PROVED_NEAR, PROVED_M)
+        if not chain:
             return
-        chain = near.tolist()
         points = scans.drawn(chain).points
         walls = voxel_filtered(points, p.relocation.resolution, len(points))
         yield GATHER_WORK * len(points)

@@ -1,9 +1,11 @@
-"""Scans cast in walls, and drives with a pose for each."""
+"""Scans cast in walls, drives with a pose for each, and walls as a map."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import pairwise
 from math import atan2, hypot, pi
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -43,3 +45,13 @@ def drive(corners: list[tuple[float, float]], step: float = 0.34, turn: float = 
         shares = [k / count for k in range(count)]
         found += [(x + f * (to_x - x), y + f * (to_y - y), to) for f in shares]
     return np.array(found)
+
+
+def map_of(
+    path: Path, walls: Iterable[tuple[float, ...]], size: tuple[float, float] = (21.0, 5.0)
+) -> str:
+    """Write a map of walls, x1, y1, x2, y2 in m, from (0, 0) on; its name."""
+    most, *lines = [" ".join(f"{1000 * v:.0f}" for v in each) for each in (size, *walls)]
+    head = ["2D-Map", "LineMinPos: 0 0", f"LineMaxPos: {most}", "LINES"]
+    path.write_text("\n".join([*head, *lines, ""]))
+    return str(path)

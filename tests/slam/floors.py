@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
-
 ROOM = [(0, 0, 6, 0), (6, 0, 6, 1.5), (6, 3.1, 6, 5), (6, 5, 0, 5), (0, 5, 0, 0), (2, 4, 3, 4)]
 """x1, y1, x2, y2 of its walls, m. It has a door."""
 
@@ -15,12 +12,3 @@ CORRIDOR = [
     *((14, 3.9, 12.5, 3.9), (12.5, 3.9, 12.5, 3.1), (12.5, 3.1, 6, 3.1)),
 ]
 """With niches, behind the door."""
-
-HEADER = ["2D-Map", "LineMinPos: 0 0", "LineMaxPos: 21000 5000", "LINES"]
-
-
-def map_of(path: Path, walls: Sequence[tuple[float, ...]]) -> str:
-    """Write a map; its name."""
-    lines = [" ".join(f"{1000 * v:.0f}" for v in wall) for wall in walls]
-    path.write_text("\n".join([*HEADER, *lines, ""]))
-    return str(path)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armadico.mobile.geometry import Pose2, relative
+from tests.robot.scans import cast
 
 CORNERS = ((0, 0), (8, 0), (8, 3), (9.5, 3), (9.5, 4.5), (8, 4.5), (8, 6), (0, 6), (0, 0))
 PILLAR = ((3.5, 2.6), (4.3, 2.6), (4.3, 3.2), (3.5, 3.2), (3.5, 2.6))
@@ -45,17 +46,8 @@ def driven(rounds: int = 1) -> Poses:
 
 def ranges(pose: Pose2, lines: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
     """The ranges of the laser among walls (default: the room's): 180 degrees ahead, m."""
-    angles = pose[2] - pi / 2 + pi / RAYS * np.arange(RAYS)
-    dx, dy = np.cos(angles)[:, None], np.sin(angles)[:, None]
-    x1, y1, x2, y2 = (walls() if lines is None else lines).T
-    ex, ey = x2 - x1, y2 - y1
-    with np.errstate(divide="ignore", invalid="ignore"):
-        across = dx * ey - dy * ex
-        far = ((x1 - pose[0]) * ey - (y1 - pose[1]) * ex) / across
-        along = ((x1 - pose[0]) * dy - (y1 - pose[1]) * dx) / across
-    hit = (far > 0) & (along >= 0) & (along <= 1)
-    nearest: NDArray[np.float64] = np.where(hit, far, np.inf).min(axis=1)
-    return nearest
+    angles = -pi / 2 + pi / RAYS * np.arange(RAYS)
+    return cast(walls() if lines is None else lines, pose, angles)
 
 
 def measured(poses: Poses, lines: NDArray[np.float64] | None = None) -> NDArray[np.uint16]:

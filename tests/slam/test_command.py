@@ -87,7 +87,7 @@ def test_a_map_a_path_and_a_picture_byte_for_byte_the_same(
         (["--set", "max_range=far"], "expected a number"),
         (["--set", "max_range=0"], "expected a number > 0"),
         (["--set", "graph.rounds=0"], "expected a number >= 1"),
-        (["--set", "graph.loss=soft"], "cauchy, dcs, huber, none"),
+        (["--set", "graph.loss=soft"], "dcs, none"),
         (["--drift", "2"], "0 to 1"),
         (["-o", "map.png"], ".yaml"),
         (["--scan", "/scan"], "not a ROS bag"),
@@ -144,35 +144,6 @@ def test_no_log_no_odometry_no_laser(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert f"{still}: holds no odometry" in refused(capsys, still)
     (tmp_path / "folder").mkdir()
     assert "expected a file" in refused(capsys, tmp_path / "folder")
-
-
-def test_a_line_that_cannot_be_read_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    lines = [
-        made_logs.flaser(0.4 * k, pose, pose, made_logs.ranges(pose))
-        for k, pose in enumerate(POSES[:20])
-    ]
-    lines.insert(4, "FLASER 90 1.0 2.0 broken")
-    path = tmp_path / "room.log"
-    path.write_text("# a comment\n" + "\n".join(lines) + "\n", encoding="utf-8")
-    found = done(capsys, path)
-    assert found["scans"] == 20
-    assert "1 lines could not be read, the first of them line 6" in found["notes"]
-
-
-def test_scans_out_of_order_and_a_clock_that_jumps(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    fields = made_logs.fields(POSES)
-    t = fields["t"].copy()
-    t[10], t[11] = t[11], t[10]
-    t[30:] += 1e5
-    path = tmp_path / "jumps.npz"
-    np.savez(path, **{**fields, "t": t})
-    found = done(capsys, path)
-    assert found["error_rmse_m"] < 0.1
-    assert len(found["notes"]) == 2
 
 
 def test_a_full_disk_leaves_nothing_half_written(

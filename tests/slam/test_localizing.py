@@ -21,8 +21,9 @@ from armadico.core.config_errors import ConfigError
 from armadico.mobile.behaviour import LOST_M
 from armadico.mobile.geometry import Pose2, compose, relative
 from tests.robot.robots import with_laser
+from tests.robot.scans import map_of
 from tests.slam import made_logs
-from tests.slam.floors import CORRIDOR, ROOM, map_of
+from tests.slam.floors import CORRIDOR, ROOM
 
 AGENT = "localization"
 ROBOT = with_laser()
@@ -225,19 +226,6 @@ def test_missing_readings_parameters_walls_and_references_are_errors(
         Run(blind, chosen(blind, world), float).go()
     with pytest.raises(LogError, match="map"):
         localizing.mapped(blind, "all", load_profile(ROBOT))
-
-
-def test_without_a_reference_only_the_errors_are_missing(
-    log: Log, world: str, tmp_path: Path
-) -> None:
-    blind = logs.read(made_logs.npz(tmp_path / "a.npz", reference=None))
-    start = made_logs.driven()[0]
-    found = summary(Run(blind, chosen(blind, world, start=start), float).go())
-    assert found.compared == 0
-    assert found.error_median_m is None
-    assert found.off_share is None
-    assert found.lost_share == 0.0
-    assert found.deviation_median_m is not None
 
 
 # Summary ------------------------------------------------------------------------------------------

@@ -190,14 +190,6 @@ def test_a_robot_that_stood_tells_nothing(
     assert "moved by less" in found["judgement"]["reason"]
 
 
-def test_a_log_without_odometry_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    none = log_of(tmp_path / "log.npz", true=driven(5.0), odometry=np.full((50, 3), nan))
-    assert cli.main(["mounting", str(none)]) == 2
-    assert "holds no odometry" in capsys.readouterr().err
-
-
 def test_a_cut_file_that_lost_its_angles_does_not_pass(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

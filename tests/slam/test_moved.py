@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from armadico.agents.methods.poses import compose
-from armadico.agents.slam.moved import map_moved
+from armadico.agents.slam.agent import map_moved
 from armadico.core.messages import LARGEST_PAYLOAD, encode
 from armadico.mobile.messages import MapMoved
 from armadico.mobile.moving import moved

@@ -71,19 +71,6 @@ def test_a_step_is_that_of_least_squares_on_any_graph(seed: int, count: int, loo
     assert np.abs(wrapped(moved[1:] - expected)).max() < 1e-3 * scale
 
 
-def test_exact_edges_restore_the_truth() -> None:
-    truth, graph = circle(80), PoseGraph()
-    for k in range(1, 80):
-        graph.add(Edge(k - 1, k, relative(truth[k - 1], truth[k]), SURE))
-    graph.add(Edge(0, 79, relative(truth[0], truth[79]), SURE, loop=True))
-    rng = np.random.default_rng(1)
-    start = truth + 0.05 * rng.standard_normal(truth.shape)
-    start[0] = truth[0]
-    found = graph.optimise(start)
-    assert np.abs(found[:, :2] - truth[:, :2]).max() < 1e-5
-    assert graph.weights[-1] == 1.0
-
-
 def ringed(loss: Kernel, false: int) -> tuple[float, PoseGraph]:
     """How far a ring with true and false loops is off, m."""
     rng, truth = np.random.default_rng(2), circle(200, 4)

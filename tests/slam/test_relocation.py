@@ -9,9 +9,10 @@ import pytest
 
 from armadico.agents.methods.poses import Floats, compose, relative
 from armadico.agents.methods.slices import finished
+from armadico.agents.slam.logs.logs import drifted
 from armadico.agents.slam.slam import Slam
 from tests.robot.scans import BEARINGS, cast, drive
-from tests.slam.worlds import drifted, mapped, ring, square, twins
+from tests.slam.worlds import mapped, ring, square, twins
 
 PATH = square()
 BLOCK = ring(4.0, 2.0) + np.array([38.0, 0.0, 38.0, 0.0])

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from armadico.agents.methods.poses import Floats, compose, relative
+from armadico.agents.slam.logs.logs import drifted
 from armadico.agents.slam.loop_closure import LoopParameters
 from armadico.agents.slam.pose_graph import GraphParameters, Kernel
 from armadico.agents.slam.slam import Slam, SlamParameters
 from tests.robot.scans import BEARINGS, cast, drive
-from tests.slam.worlds import drifted, false_loops, mapped, off, ring, square, twins
+from tests.slam.worlds import false_loops, mapped, off, ring, square, twins
 
 PATH = square()
 
@@ -20,13 +21,12 @@ PATH = square()
 def test_a_drift_of_metres_becomes_centimetres() -> None:
     odometry = drifted(PATH, 0.1, 2)
     assert np.hypot(*(odometry - PATH)[:, :2].T).max() > 1.0
-    slam, updates = mapped(ring(), PATH, odometry)
+    slam, _ = mapped(ring(), PATH, odometry)
     assert off(slam, PATH).max() < 0.1
     assert len(slam.map.loops) > 20
     assert not false_loops(slam, PATH)
     assert slam.map.revision >= 1
     assert not slam.uncertain
-    assert updates[-1].revision <= slam.map.revision
 
 
 def test_loops_do_it() -> None:

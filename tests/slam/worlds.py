@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from itertools import pairwise
 from math import hypot
-from random import Random
 
 import numpy as np
 from numpy.typing import NDArray
 
-from armadico.agents.methods.poses import Floats, compose, relative
+from armadico.agents.methods.poses import Floats, relative
 from armadico.agents.slam.slam import Slam, SlamParameters, Update
 from tests.robot.scans import BEARINGS, cast, drive
 
@@ -62,23 +61,6 @@ def square(rounds: int = 2, half: float = 3.5) -> Floats:
     """Rounds through the corridor of `ring`."""
     corners = [(-half, -half), (half, -half), (half, half), (-half, half)]
     return drive([*corners * rounds, corners[0], corners[1]])
-
-
-def drifted(path: Floats, share: float, seed: int) -> Floats:
-    """Odometry along a path, with errors that last and errors of each step."""
-    rng = Random(seed)
-    longer, turned, bend = rng.gauss(0, share / 2), rng.gauss(0, share), rng.gauss(0, share / 2)
-    at = path[0]
-    found = [at]
-    for before, after in pairwise(path):
-        x, y, theta = relative(before, after)
-        way = hypot(x, y)
-        x = x * (1 + longer) + rng.gauss(0, share * way / 2)
-        y = y * (1 + longer) + rng.gauss(0, share * way / 4)
-        noise = rng.gauss(0, share * hypot(0.3 * way, abs(theta)))
-        at = compose(at, np.array([x, y, theta * (1 + turned) + bend * way + noise]))
-        found.append(at)
-    return np.array(found)
 
 
 def mapped(

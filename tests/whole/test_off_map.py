@@ -20,7 +20,8 @@ from armadico.mobile.messages import (
     Truth,
     Waypoint,
 )
-from tests.slam.floors import CORRIDOR, ROOM, map_of
+from tests.robot.scans import map_of
+from tests.slam.floors import CORRIDOR, ROOM
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 

@@ -95,7 +95,7 @@ def _sought(
     earlier: SavedGraph, later: SavedGraph, parameters: SlamParameters
 ) -> Joined | tuple[Found, ...]:
     with progress("join", steps(later)) as step:
-        return joined(earlier, later, parameters, step=step)
+        return joined(earlier, later, parameters, step)
 
 
 def _moved(log: Log, found: Mapped, both: Joined) -> Mapped:

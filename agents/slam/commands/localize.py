@@ -254,7 +254,7 @@ def _percent(share: float | None) -> str:
 
 def _draw(picture: Path, log: Log, world: str, track: Track, found: Summary) -> None:
     """Draw the paths on the map, and the error over time."""
-    from armadico.agents.slam.logs.localizing import error_m
+    from armadico.agents.slam.logs.localizing import errors
     from armadico.config.worlds import load_world
     from armadico.core.discovery import PICTURES, find
 
@@ -264,7 +264,8 @@ def _draw(picture: Path, log: Log, world: str, track: Track, found: Summary) -> 
     paths: list[tuple[str, list[tuple[float, float]]]] = [("estimate", estimate)]
     if found.compared:
         paths.insert(0, ("reference", [at[:2] for at in known]))
-    errors = list(zip((one.t for one in moments), error_m(track).tolist(), strict=True))
+    off, _ = errors(moments, "estimate")
+    off_at = list(zip((one.t for one in moments), off.tolist(), strict=True))
     lost = [(a.t, b.t) for a, b in pairwise(moments) if a.lost]
     caption = f"reported lost at {_percent(found.lost_share)} of {found.scans} readings"
     if found.error_median_m is not None:
@@ -274,7 +275,7 @@ def _draw(picture: Path, log: Log, world: str, track: Track, found: Summary) -> 
         )
     title = f"{log.name}: {found.metres:.0f} m in {found.seconds:.0f} s"
     draw = find(PICTURES, "localized").load()
-    draw(load_world(world), paths, errors, lost, (title, caption), picture)
+    draw(load_world(world), paths, off_at, lost, (title, caption), picture)
 
 
 main: Final = Command(

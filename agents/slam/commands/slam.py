@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from armadico.agents.slam.commands.joined import Merged
     from armadico.agents.slam.commands.run import Figures, Mapped, Relations
     from armadico.agents.slam.logs.logs import Log
-    from armadico.agents.slam.slam import SlamParameters
     from armadico.config.graph_file import SavedGraph
 
 
@@ -76,6 +75,7 @@ class Options(log_file.LogOptions):
 
 def run(args: Options) -> int:
     """Make the map; 0 if nothing speaks against it, 1 if it is wrong, 3 if it may be."""
+    from armadico.agents.slam.commands import joined, view
     from armadico.agents.slam.commands import run as runs
     from armadico.agents.slam.slam import SlamParameters
     from armadico.cli.pool import progress
@@ -84,7 +84,9 @@ def run(args: Options) -> int:
 
     earlier = None if args.onto is None else _earlier(args.onto, args.output)
     parameters = set_values(SlamParameters(do_loop_closing=not args.no_loops), args.sets)
-    _check(args)
+    if args.output is not None:
+        options.check_map(args.output)
+    view.check(args.picture)
     say = options.reporter("armadico slam")
     log, drift = log_file.opened(args, say)
     log = log.only(log.part(args.over))
@@ -95,7 +97,9 @@ def run(args: Options) -> int:
         found = runs.mapped(log, parameters, time.process_time, step)
     if args.align:
         found = runs.on_reference(log, found)
-    merged = None if earlier is None else _merged(args, earlier, log, found, parameters)
+    merged = None
+    if earlier is not None:
+        merged = joined.merged(earlier, log, found, parameters, str(args.onto))
     found = found if merged is None else merged.found
     related = None if given is None else runs.relations(log, found, given)
     written, outside = _write(args, log, found, merged)
@@ -145,24 +149,6 @@ def _earlier(onto: Path, output: Path | None) -> SavedGraph:
     return graph
 
 
-def _merged(
-    args: Options, earlier: SavedGraph, log: Log, found: Mapped, parameters: SlamParameters
-) -> Merged:
-    """The log's map with the one that it continues."""
-    from armadico.agents.slam.commands import joined
-
-    return joined.merged(earlier, log, found, parameters, str(args.onto))
-
-
-def _check(args: Options) -> None:
-    """Raises ConfigError or FailedError before anything is read."""
-    from armadico.agents.slam.commands import view
-
-    if args.output is not None:
-        options.check_map(args.output)
-    view.check(args.picture)
-
-
 def _write(args: Options, log: Log, found: Mapped, merged: Merged | None) -> tuple[list[str], int]:
     """Write what was asked for; a line about each, and the key scans that the grid left out.
 
@@ -170,6 +156,7 @@ def _write(args: Options, log: Log, found: Mapped, merged: Merged | None) -> tup
 
     Raises FailedError, LogError, ConfigError.
     """
+    from armadico.agents.slam.commands import joined, view
     from armadico.agents.slam.commands import run as runs
     from armadico.config import graph_file, grid_map
 
@@ -190,15 +177,11 @@ def _write(args: Options, log: Log, found: Mapped, merged: Merged | None) -> tup
             written = grid_map.save(cells, output, files)
             lines.append("map and path: " + ", ".join(map(str, written)))
         if args.picture is not None:
-            from armadico.agents.slam.commands import view
-
             at = args.picture
             if both is None:
                 view.save(cells, found.slam, args.picture)
                 lines.append(f"picture: {args.picture}")
             else:
-                from armadico.agents.slam.commands import joined
-
                 lines.append(joined.draw(both, cells, args.picture))
     except OSError as error:
         raise FailedError(f"cannot write {at}: {error.strerror or error}") from None

@@ -298,9 +298,8 @@ def _log(
     if left:
         notes.append(f"{left} of {len(scans)} scans are earlier or later than all odometry")
     kept = np.flatnonzero(inside)
-    heading = np.unwrap(poses[:, 3])
-    columns = [poses[:, 1], poses[:, 2], heading]
-    at = np.column_stack([np.interp(times[kept], poses[:, 0], one) for one in columns])
+    poses[:, 3] = np.unwrap(poses[:, 3])
+    at = logs.interpolated(poses[:, 0], poses[:, 1:], times[kept])
     ranges = ranges[kept]
     least, most = scans[0].limits
     with np.errstate(invalid="ignore"):

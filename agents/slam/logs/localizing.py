@@ -398,9 +398,9 @@ def summary(track: Track) -> Summary:
         raise LogError("no correction was published: the map or the readings show no walls")
     t, way = (np.array([getattr(one, name) for one in moments]) for name in ("t", "way"))
     deviation, lost = np.array([m.deviation for m in moments]), np.array([m.lost for m in moments])
-    off, turned = _errors(moments, "estimate")
-    published, _ = _errors(moments, "published")
-    alone, _ = _errors(moments, "alone")
+    off, turned = errors(moments, "estimate")
+    published, _ = errors(moments, "published")
+    alone, _ = errors(moments, "alone")
     known = np.isfinite(off)
     wrong = (off > WRONG_M) & (deviation < SURE_M) & ~lost
     far_s, far_m = _longest(off[known] > OFF_M, t[known], way[known])
@@ -443,7 +443,7 @@ def summary(track: Track) -> Summary:
     )
 
 
-def _errors(moments: Sequence[Moment], name: str) -> tuple[Floats, Floats]:
+def errors(moments: Sequence[Moment], name: str) -> tuple[Floats, Floats]:
     """The error of a pose at each reading, m and degrees; NaN where unknown."""
     found: list[tuple[float, float]] = []
     for one in moments:
@@ -456,11 +456,6 @@ def _errors(moments: Sequence[Moment], name: str) -> tuple[Floats, Floats]:
         found.append((off, degrees(abs(wrap(at[2] - to[2])))))
     both = np.array(found)
     return both[:, 0], both[:, 1]
-
-
-def error_m(track: Track) -> Floats:
-    """The error of the estimate at each reading, m; NaN where there is no reference."""
-    return _errors(track.moments, "estimate")[0]
 
 
 def _quantile(values: Floats, share: float) -> float | None:

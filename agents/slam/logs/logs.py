@@ -25,13 +25,14 @@ from itertools import pairwise
 from math import degrees, hypot, isfinite, isnan, pi, tau
 from pathlib import Path
 from random import Random
-from typing import IO, Any, Final, Protocol, cast
+from typing import IO, Any, Final, cast
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from armadico.agents.methods.parameters import LEAP_M, LEAP_M_S
+from armadico.agents.methods.poses import wrapped
 from armadico.agents.slam.logs.cut_npz import fields_of
 from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import RECORDINGS
@@ -79,23 +80,6 @@ class LogError(ConfigError):
     """No log can be read from the file."""
 
 
-class Readings(Protocol):
-    """The range readings of a log."""
-
-    def kind(self, index: int) -> type[Scan | Sonar]:
-        """The kind of sensor of a reading."""
-
-    def message(self, index: int, cycle: Cycle, since: Pose2, number: int) -> Scan | Sonar:
-        """One reading as the robot agent publishes it.
-
-        `since` is the robot's pose at the measurement, in the robot's frame of the cycle in which
-        it is published; `number` is the scan's.
-        """
-
-    def only(self, which: Sequence[int]) -> Readings:
-        """Some of them, in order."""
-
-
 @dataclass(frozen=True)
 class Scans:
     """Scans of one scanner, all with the same angles."""
@@ -107,20 +91,27 @@ class Scans:
     mount: Pose2 = STOOD
 
     def kind(self, index: int) -> type[Scan | Sonar]:  # noqa: ARG002 - all are of one scanner
+        """The kind of sensor of a reading."""
         return Scan
 
     def message(self, index: int, cycle: Cycle, since: Pose2, number: int) -> Scan:
+        """One reading as the robot agent publishes it.
+
+        `since` is the robot's pose at the measurement, in the robot's frame of the cycle in which
+        it is published; `number` is the scan's.
+        """
         seen = self.ranges[index] * self.scale
         limits = (LEAST_M, self.reach)
         return message_of(cycle, seen, self.angles, limits, self.mount, since=since, number=number)
 
     def only(self, which: Sequence[int]) -> Scans:
+        """Some of them, in order."""
         return replace(self, ranges=self.ranges[which])
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """Published readings."""
+    """Published readings; methods as in `Scans`."""
 
     messages: tuple[Scan | Sonar, ...]
 
@@ -153,7 +144,7 @@ class Log:
     odometry: Floats  # (m, 3) m, m, rad
     reference: Floats  # (m, 3) reference poses, NaN where unknown
     rows: Indices  # (n,) the row of each reading
-    readings: Readings
+    readings: Scans | Recorded
     real: bool = True  # false: the odometry is a corrected path, without wheel errors
     cycles: bool = False  # the rows are the robot's cycles
     world: str | None = None  # named in the log
@@ -256,15 +247,20 @@ def _longest(those: NDArray[np.bool_], ways: Floats) -> float:
 
 
 def with_errors(log: Log, share: float, seed: int) -> Log:
-    """The log with wheel errors added to its odometry.
+    """The log with wheel errors added to its odometry, as in `drifted`."""
+    return replace(log, odometry=drifted(log.odometry, share, seed))
 
-    Three errors are constant over the log (scale, rotation, drift); noise is drawn for each row.
+
+def drifted(odometry: Floats, share: float, seed: int) -> Floats:
+    """Odometry (n, 3) with wheel errors added.
+
+    Three errors are constant (scale, rotation, drift); noise is drawn for each row.
     Their standard deviation is `share` of distance and rotation.
     """
     rng = Random(seed)
     longer, turned = rng.gauss(0.0, share / 2), rng.gauss(0.0, share)
     bend = rng.gauss(0.0, share / 2)  # rad/m
-    path = [(x, y, theta) for x, y, theta in log.odometry.tolist()]
+    path = [(x, y, theta) for x, y, theta in odometry.tolist()]
     at = path[0]
     found = [at]
     for before, after in pairwise(path):
@@ -277,7 +273,7 @@ def with_errors(log: Log, share: float, seed: int) -> Log:
         theta = theta * (1.0 + turned) + bend * way + noise
         at = compose(at, (x, y, theta))
         found.append(at)
-    return replace(log, odometry=np.array(found))
+    return np.array(found)
 
 
 def read(
@@ -419,7 +415,7 @@ class _Table:
         period = self.period
         if period is None:
             steps = np.abs(np.diff(self.odometry[rows], axis=0))
-            turns = np.abs((steps[:, 2] + pi) % tau - pi)
+            turns = np.abs(wrapped(steps[:, 2]))
             needed = np.maximum(np.hypot(*steps[:, :2].T) / USUAL_M_S, turns / USUAL_RAD_S)
             moving = needed[needed > 1e-3]
             usual = float(np.median(moving)) if len(moving) else PERIOD_S
@@ -690,7 +686,7 @@ def _carmen(path: Path, corrected: bool | None, reach: float | None, period: flo
     )
     mount = _pose(np.median(mounts, axis=0))
     off = np.abs(mounts - mount)
-    off[:, 2] = np.abs((off[:, 2] + pi) % (2 * pi) - pi)
+    off[:, 2] = np.abs(wrapped(off[:, 2]))
     one_pose = bool((off[:, :2] <= FIXED_M).all() and (off[:, 2] <= FIXED_RAD).all())
     if corrected is None:
         corrected = not one_pose or any(word in path.name.lower() for word in (".gfs", "corrected"))
@@ -738,9 +734,14 @@ def _interpolated(times: Floats, odometry: Sequence[tuple[float, Pose2]]) -> Flo
         return np.zeros((0, 3))
     at, poses = np.array([t for t, _ in ordered]), np.array([pose for _, pose in ordered])
     poses[:, 2] = np.unwrap(poses[:, 2])
-    found = np.column_stack([np.interp(times, at, poses[:, axis]) for axis in range(3)])
+    found = interpolated(at, poses, times)
     found[(times < at[0] - STEP_S) | (times > at[-1] + STEP_S)] = np.nan
     return found
+
+
+def interpolated(at: Floats, poses: Floats, times: Floats) -> Floats:
+    """Poses (n, 3), whose headings are not wrapped, at other times; at the ends they stay."""
+    return np.column_stack([np.interp(times, at, column) for column in poses.T])
 
 
 def _lines(path: Path, notes: list[str]) -> _Lines:

@@ -50,12 +50,6 @@ def before_a_wall(distance: float, speed: float, **parameters: Any) -> Alone:
     return made
 
 
-def test_without_a_goal_it_does_not_bid_whatever_is_in_the_way() -> None:
-    made = stage(None, 0.5)
-    assert made.cycle(points=wall(0.4, -0.4, 0.4)) == []
-    assert made.bid.reason == "no goal"
-
-
 def test_with_nothing_in_the_way_it_is_silent() -> None:
     made = stage(speed=0.5)
     for points in ([], [Point(1.0, 0.6)], [Point(-0.4, 0.0)], wall(2.4, -1.0, 1.0)):
@@ -70,12 +64,6 @@ def test_its_utility_is_the_free_way_between_the_zones_borders(speed: float) -> 
     assert before_a_wall(caution + 0.01, speed).bid.utility is None
     assert before_a_wall(halfway, speed).bid.utility == pytest.approx(0.5)
     assert before_a_wall(0.99 * stop, speed).bid.utility == 1.0
-
-
-def test_the_zones_grow_with_the_speed() -> None:
-    zone = Parameters().danger
-    assert zone.border(0.0) == pytest.approx(0.20)
-    assert zone.border(0.5) == zone.border(-0.5) == pytest.approx(0.20 + 0.55 * 0.5)
 
 
 def test_nearer_it_drives_more_slowly_and_in_the_stop_zone_it_turns_on_the_spot() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, pi, sin, sqrt, tau
+from math import pi, sqrt, tau
 
 import numpy as np
 import pytest
@@ -12,6 +12,7 @@ from armadico.agents.localization.laser_model import LaserModel
 from armadico.agents.methods.grid import Grid
 from armadico.config.profile import WIDE
 from armadico.mobile.messages import Echo
+from tests.robot.scans import cast
 
 WALL = [(-20.0, 1.0, 20.0, 1.0)]
 ROOM = [
@@ -25,19 +26,10 @@ BOUNDS = (-20.0, -5.0, 20.0, 5.0)
 
 def scan(walls: list[tuple[float, float, float, float]], off: float = 0.0) -> list[Echo]:
     """Rays of 5 m all around from the origin, `off` m too long."""
-    echoes = []
-    for k in range(36):
-        c, s = cos(tau * k / 36), sin(tau * k / 36)
-        reached = 5.0
-        for x1, y1, x2, y2 in walls:
-            across = s if y1 == y2 else c
-            t = (y1 if y1 == y2 else x1) / across if abs(across) > 1e-6 else -1.0
-            inside = min(x1, x2) - 1e-6 <= t * c <= max(x1, x2) + 1e-6
-            if 0.0 < t < reached and inside and min(y1, y2) - 1e-6 <= t * s <= max(y1, y2) + 1e-6:
-                reached = t
-        if reached < 5.0:
-            echoes.append(Echo(0.0, 0.0, tau * k / 36, reached + off))
-    return echoes
+    bearings = tau / 36 * np.arange(36)
+    ranges = cast(np.array(walls), (0.0, 0.0, 0.0), bearings)
+    rays = zip(bearings.tolist(), ranges.tolist(), strict=True)
+    return [Echo(0.0, 0.0, bearing, away + off) for bearing, away in rays if away < 5.0]
 
 
 def driven(walls: list[tuple[float, float, float, float]], off: float = 0.0) -> np.ndarray:

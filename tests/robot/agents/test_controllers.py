@@ -16,9 +16,7 @@ from armadico.agents.methods.controllers import (
     Mode,
     Settings,
     Speeds,
-    ahead_of,
     fast,
-    mix,
     precise,
     ramp,
 )
@@ -216,12 +214,6 @@ def test_a_new_goal_is_driven_to_after_a_reset() -> None:
     assert controller.steer(ORIGIN, [Placed(0.08, 0.0)], (0.0, 0.0), PERIOD)[0] > 0.0
 
 
-def test_far_away_fast_alone_speaks_and_near_precise_alone() -> None:
-    assert mix(CHAPTER_5, 1.0, (1.0, 2.0), (3.0, 4.0)) == (1.0, 2.0)
-    assert mix(CHAPTER_5, 0.3, (1.0, 2.0), (3.0, 4.0)) == (3.0, 4.0)
-    assert mix(CHAPTER_5, 0.65, (1.0, 2.0), (3.0, 4.0)) == pytest.approx((2.0, 3.0))
-
-
 def test_fast_moves_while_it_turns_and_precise_does_not() -> None:
     abeam = math.pi / 2
     assert fast(CHAPTER_5.fast, CHAPTER_5, 5.0, abeam)[0] == CHAPTER_5.fast.v
@@ -229,25 +221,10 @@ def test_fast_moves_while_it_turns_and_precise_does_not() -> None:
     assert precise(CHAPTER_5.precise, 5.0, abeam)[0] == pytest.approx(0.0, abs=1e-12)
 
 
-@given(st.floats(-2, 2), st.floats(-2, 2))
-def test_a_ramp_ends_at_what_is_wanted(before: float, wanted: float) -> None:
-    value = before
-    for _ in range(200):
-        value = ramp(value, wanted, 0.03, 0.06)
-    assert value == wanted
-
-
 def test_slowing_down_may_be_quicker_than_speeding_up() -> None:
     assert ramp(0.5, 1.0, 0.03, 0.06) == pytest.approx(0.53)
     assert ramp(0.5, 0.0, 0.03, 0.06) == pytest.approx(0.44)
     assert ramp(-0.5, 0.3, 0.03, 0.06) == pytest.approx(-0.44)
-
-
-def test_what_lies_ahead_counts_by_the_turn_into_it() -> None:
-    assert ahead_of(ORIGIN, [Placed(1, 0), Placed(3, 0)], 9.0) == pytest.approx(3.0)
-    assert ahead_of(ORIGIN, [Placed(1, 0), Placed(1, 2)], 9.0) == pytest.approx(1.0)
-    assert ahead_of(ORIGIN, [Placed(1, 0), Placed(2, 1)], 9.0) == pytest.approx(2.0)
-    assert ahead_of(ORIGIN, [Placed(1, 0), Placed(0, 0), Placed(-9, 0)], 9.0) == pytest.approx(1)
 
 
 @settings(max_examples=40)

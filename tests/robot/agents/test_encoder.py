@@ -108,13 +108,6 @@ def test_odometry_is_put_where_the_robot_stood() -> None:
     assert pose(robot.moved(2.0, 0.5, -0.3)) == pytest.approx((2.9, 2.6, pi / 2 - 0.3))
 
 
-def test_one_status_packet_one_pose_of_its_cycle() -> None:
-    robot = Robot()
-    assert [robot.moved(0, 0, 0).cycle.number for _ in range(3)] == [1, 2, 3]
-    robot.agent.kernel.receive(RobotState(Cycle(1, 3), 9, 9, 0, 0, 0, 12, True, False), 0.3)
-    assert robot.agent.kernel.outbox == []
-
-
 def test_headings_stay_in_one_turn() -> None:
     robot = Robot(theta=3.0)
     robot.moved(0, 0, 0)
@@ -170,16 +163,6 @@ def test_what_it_rolled_while_no_robot_agent_listened_is_part_of_its_way() -> No
     robot.moved(4.0, 0.0, 0.0)
     robot.restart()
     assert pose(robot.moved(4.5, 0.0, 0.0)) == pytest.approx((4.5, 0.0, 0.0))
-
-
-def test_restarts_add_up() -> None:
-    """Of the controller too, each time at zero."""
-    robot = Robot()
-    for _ in range(3):
-        robot.moved(0, 0, 0)
-        stood = robot.moved(1.0, 0.0, pi / 2)
-        robot.restart()
-    assert pose(stood) == pytest.approx((0.0, 1.0, -pi / 2))
 
 
 @given(places, places, places)
@@ -359,16 +342,6 @@ def test_an_exact_odometry_makes_the_pose_known_until_it_is_reset() -> None:
     assert robot.moved(0.0, 0.0, 0.0).covariance == (), "the motion meanwhile was not counted"
 
 
-def test_what_was_corrected_outlives_the_encoder_agent() -> None:
-    robot = Robot()
-    robot.moved(0.0, 0.0, 0.0)
-    correct(robot, (5.0, 0.0, 1.0))
-    for _ in range(ORIGIN_CYCLES + 1):
-        robot.moved(0.0, 0.0, 0.0)
-    robot.restart_encoder()
-    assert pose(robot.moved(0.0, 0.0, 0.0)) == pytest.approx((5.0, 0.0, 1.0))
-
-
 def test_how_far_off_it_may_be_outlives_the_encoder_agent_and_grows_by_the_way_since() -> None:
     robot = Robot()
     robot.moved(0.0, 0.0, 0.0)
@@ -442,17 +415,6 @@ def test_a_moving_robot_ignores_an_initial_pose() -> None:
     robot.give(InitialPose(7.0, 3.0, pi / 2))
     pose = robot.moved(0.5, 0.0, 0.0)
     assert (pose.x, pose.y) == pytest.approx((1.0, 2.0))
-
-
-def test_a_correction_from_before_the_initial_pose_changes_nothing() -> None:
-    robot = Robot(1.0, 2.0)
-    for _ in range(5):
-        robot.moved(0.5, 0.0, 0.0)
-    robot.give(InitialPose(7.0, 3.0, pi / 2))
-    late = Correction(Cycle(1, 3), 1.0, 2.0, 0.0, (0.01, 0, 0, 0.01, 0, 0.01), 1.0)
-    robot.give(late)
-    pose = robot.moved(0.5, 0.0, 0.0)
-    assert (pose.x, pose.y) == pytest.approx((7.0, 3.0))
 
 
 def test_a_correction_of_a_new_map_revision_counts_at_once() -> None:

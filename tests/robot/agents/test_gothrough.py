@@ -200,15 +200,6 @@ def test_a_scenarios_speed_limit_holds() -> None:
     assert made.bid.wanted[0] == pytest.approx(0.2)
 
 
-def test_an_ended_mission_ends_its_bids() -> None:
-    made = stage()
-    made.holding(points=between(0.5))
-    made.give(Trajectory(2, 1, ()))
-    messages = made.cycle(points=between(0.5))
-    assert [claim.utility for claim in claims(messages)] == [None]
-    assert made.cycle(points=between(0.5)) == []
-
-
 def test_brisk_it_drives_as_fast_as_goto_does() -> None:
     made = stage(controller="brisk")
     made.speed = (0.7, 0.0)

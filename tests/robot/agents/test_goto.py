@@ -41,12 +41,6 @@ def utility_at(made: Alone, x: float, y: float) -> float | None:
     return made.bid.utility
 
 
-def test_without_a_goal_it_publishes_nothing() -> None:
-    made = stage(None)
-    assert made.cycle() == []
-    assert made.bid.reason == "no goal"
-
-
 def test_a_waiting_mission_is_not_driven_and_the_holder_releases() -> None:
     made = stage()
     made.holding()
@@ -202,11 +196,6 @@ def test_the_repeated_mission_has_the_waypoints_passed() -> None:
     made.give(replace(ROUND_A_CORNER, leg=1))
     assert utility_at(made, 3.7, 2.95) == pytest.approx(1.0, abs=0.3)
     assert made.bid.reason == "to waypoint 2 of 2"
-
-
-def test_a_late_agent_continues_where_the_run_is() -> None:
-    late = Trajectory(1, 1, ROUND_A_CORNER.waypoints, Point(0.0, 0.0), 1)
-    assert utility_at(stage(late), 4.0, 2.9) == 1.0
 
 
 places = st.builds(Point, st.floats(-0.6, 2.0), st.floats(-1.0, 1.0))

@@ -69,14 +69,6 @@ def test_the_way_found_is_as_cheap_as_brute_force_finds(costs: Field, data: st.D
         assert spent == pytest.approx(least)
 
 
-def test_there_is_no_way_into_or_through_a_closed_wall() -> None:
-    costs = np.ones((5, 5))
-    costs[:, 2] = np.inf
-    assert search(costs, (0, 0), (0, 4)) is None
-    assert search(costs, (0, 0), (0, 2)) is None
-    assert search(costs, (0, 2), (0, 0)) is None
-
-
 @settings(max_examples=80)
 @given(
     arrays(

@@ -101,13 +101,6 @@ def driving(desk: Desk) -> Desk:
     return desk
 
 
-def test_a_mission_is_refused_when_nobody_knows_where_the_robot_is() -> None:
-    desk = Desk()
-    on_query = desk.request(MissionRequest(GOAL))
-    assert "no fresh encoder/pose" in desk.replies[on_query].refusal
-    assert desk.on_query == []
-
-
 def test_an_old_pose_will_not_do(desk: Desk) -> None:
     for number in range(2, 7):
         cycle = Cycle(1, number)
@@ -161,14 +154,6 @@ def test_a_refused_mission_leaves_the_one_that_is_driven_as_it_was(driving: Desk
     assert driving.last(MissionStatus).state is MissionState.DRIVING
     assert driving.last(Trajectory).mission == before.mission
     assert driving.last(Trajectory).waypoints == before.waypoints
-
-
-def test_another_mission_takes_the_place_of_the_one_before(driving: Desk) -> None:
-    first = driving.last(Trajectory)
-    driving.request(MissionRequest(DOOR, planned=False))
-    second = driving.last(Trajectory)
-    assert second.mission != first.mission
-    assert second.waypoints == (DOOR,)
 
 
 def test_progress_is_reported_along_the_waypoints(driving: Desk) -> None:
@@ -253,17 +238,6 @@ def test_once_reached_there_is_no_trajectory_any_more(driving: Desk) -> None:
     assert driving.last(MissionStatus).state is MissionState.REACHED
 
 
-def test_who_gives_the_end_of_the_mission_back_does_not_undo_that_it_was_reached(
-    driving: Desk,
-) -> None:
-    driving.moved(1.0)
-    driving.moved(3.0)
-    driving.agent.kernel.receive(driving.last(Trajectory), driving.agent.now)
-    for _ in range(12):
-        driving.moved(3.0)
-    assert driving.last(MissionStatus).state is MissionState.REACHED
-
-
 def test_the_trajectory_is_said_again_each_second_with_the_leg_for_latecomers(
     driving: Desk,
 ) -> None:
@@ -275,17 +249,6 @@ def test_the_trajectory_is_said_again_each_second_with_the_leg_for_latecomers(
     assert {(t.waypoints, t.start, t.leg) for t in repeated} == {((DOOR, GOAL), Point(0.0, 0.0), 1)}
 
 
-def test_cut_off_while_waypoints_were_passed_it_still_knows_when_the_goal_is_reached(
-    desk: Desk,
-) -> None:
-    over = (Waypoint(2.0, 0.0, 0.0), Waypoint(2.0, 2.0, 0.0), Waypoint(6.0, 2.0, 0.0))
-    desk.request(MissionRequest(Waypoint(8.0, 2.0, 0.0), over, planned=False))
-    desk.moved(1.0)
-    desk.moved(4.0, 2.0)
-    desk.moved(4.1, 2.0)
-    assert desk.last(MissionStatus).leg == 2
-
-
 def test_with_no_mission_it_says_so_each_second_and_names_no_trajectory(desk: Desk) -> None:
     """An empty trajectory would end a mission of which it has not been told yet."""
     for _ in range(25):
@@ -293,15 +256,6 @@ def test_with_no_mission_it_says_so_each_second_and_names_no_trajectory(desk: De
     assert desk.last(MissionStatus).state is MissionState.NONE
     assert len([message for message in desk.published if isinstance(message, MissionStatus)]) == 2
     assert desk.all(Trajectory) == []
-
-
-def test_each_mission_and_each_end_has_a_larger_counter(desk: Desk) -> None:
-    for goal in (GOAL, DOOR):
-        desk.request(MissionRequest(goal, planned=False))
-        desk.moved(goal.x)
-        desk.moved(goal.x)
-    assert [trajectory.counter for trajectory in desk.all(Trajectory)] == [1, 2, 3, 4]
-    assert [bool(trajectory.waypoints) for trajectory in desk.all(Trajectory)] == [1, 0, 1, 0]
 
 
 # What outlives it ---------------------------------------------------------------------------------
@@ -339,19 +293,6 @@ def test_one_that_starts_again_after_the_goal_begins_nothing(driving: Desk) -> N
         other.moved(3.0)
     assert other.last(MissionStatus).state is MissionState.NONE
     assert not any(trajectory.waypoints for trajectory in other.all(Trajectory))
-
-
-def test_a_mission_that_it_is_told_late_goes_on_too(desk: Desk) -> None:
-    told = Trajectory(7, 42, (DOOR, GOAL), Point(0.0, 0.0), 0)
-    for _ in range(12):
-        desk.moved(0.0)
-    desk.give(told)
-    desk.moved(0.5)
-    desk.moved(0.5)
-    assert (desk.last(MissionStatus).state, desk.last(MissionStatus).mission) == (
-        MissionState.DRIVING,
-        42,
-    )
 
 
 @pytest.mark.parametrize(

@@ -46,12 +46,6 @@ def explains(known: KnownWalls, ping: Ping) -> bool:
     return known.on_echoes([ping]) == [True]
 
 
-def test_nothing_is_expected_without_a_pose_or_its_covariance() -> None:
-    assert not at(None).points()
-    assert not at(HERE, ()).points()
-    assert at(HERE).points()
-
-
 @pytest.mark.parametrize("pose", [HERE, (0.3, 0.8, 2.0), (1.7, -0.4, -1.0)])
 def test_a_wall_is_where_it_is_on_the_map_as_far_as_it_reaches(pose: Pose2) -> None:
     known = at(pose)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan2, cos, hypot, inf, nan, pi, radians, sin, tau
+from math import cos, hypot, inf, nan, pi, radians, sin, tau
 
 import numpy as np
 import pytest
@@ -18,12 +18,12 @@ from armadico.config.loading import load_entry
 from armadico.config.profile import Laser, SensorProfile
 from armadico.config.shipped import find
 from armadico.core.agent import ERROR, Identity
-from armadico.core.messages import Cycle, Log, Point, RobotState
-from armadico.core.outgoing import Publish
-from armadico.mobile.geometry import Pose2, relative
+from armadico.core.messages import Cycle, Log, Point
+from armadico.mobile.geometry import Pose2
 from armadico.mobile.messages import Pose, Scan
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.scans import message_of
+from armadico.testing.alone import Alone, covariance
 from tests.robot.robots import described
 
 IDEAL = load_entry(find("robots", "sensors"), SensorProfile, "ideal")
@@ -38,16 +38,14 @@ ROOM = [
 ]
 
 
-class Robot:
+class Robot(Alone):
     """A robot with a laser, whose odometry is right."""
 
     def __init__(
         self, walls: list[Wall], laser: Laser = LASER, parameters: Parameters | None = None
     ) -> None:
-        self.agent = LaserAgent(Identity("laser-1"), parameters)
-        self.agent.kernel.receive(described(), 0.0)
-        self.laser, self.number, self.now = laser, 0, 0.0
-        self.pose = HERE
+        super().__init__(LaserAgent(Identity("laser-1"), parameters), robot=described())
+        self.laser = laser
         self.build(walls)
 
     def build(self, walls: list[Wall], sensors: SensorProfile = IDEAL) -> None:
@@ -60,7 +58,7 @@ class Robot:
         laser = self.laser
         seen = self.sees.scan(self.pose) if ranges is None else ranges
         return message_of(
-            Cycle(1, self.number),
+            self.at,
             seen,
             (radians(laser.angle_min_deg), radians(laser.step_deg)),
             (laser.min_m, laser.max_m),
@@ -76,25 +74,13 @@ class Robot:
         known: float | None = None,
     ) -> Obstacles | None:
         """Go to a pose, and one cycle there; `known`: the pose is, with such a deviation, m."""
-        self.pose = pose or self.pose
-        self.number += 1
-        self.now += 0.1
-        at = None if touch is None else Point(touch, 0.0)
-        cycle = Cycle(1, self.number)
-        state = RobotState(cycle, *self.pose, 0, 0, 12, True, at is not None, touch=at)
-        self.agent.kernel.receive(state, self.now)
+        self.pose = self.odometry = pose or self.pose
+        self.touch = None if touch is None else Point(touch, 0.0)
+        self.state()
         if known is not None:
-            each = known * known / 2.0
-            covariance = (each, 0.0, 0.0, each, 0.0, 1e-4)
-            self.agent.kernel.receive(Pose(cycle, *self.pose, covariance), self.now)
-        self.agent.kernel.receive(self.scan(ranges), self.now)
-        messages = [o for o in self.out() if isinstance(o.message, Obstacles)]
-        assert all(o.key == "laser/obstacles" for o in messages)
-        return messages[0].message if messages else None  # type: ignore[return-value]
-
-    def out(self) -> list[Publish]:
-        out, self.agent.kernel.outbox = self.agent.kernel.outbox, []
-        return [o for o in out if isinstance(o, Publish)]
+            self.give(Pose(self.at, *self.pose, covariance(known)))
+        found = [said for said in self.give(self.scan(ranges)) if isinstance(said, Obstacles)]
+        return found[0] if found else None
 
 
 def off(obstacles: Obstacles | None, walls: list[Wall], pose: Pose2 = HERE) -> list[float]:
@@ -226,17 +212,9 @@ def test_rays_without_a_return_clear_slowly_and_invalid_ones_not_at_all() -> Non
 def test_a_blind_laser_publishes_nothing_and_is_reported_once(bad: float) -> None:
     robot = Robot(ROOM)
     assert robot.cycle() is not None
-    logs = []
     for _ in range(5):
-        robot.number += 1
-        robot.now += 0.1
-        robot.agent.kernel.receive(
-            RobotState(Cycle(1, robot.number), 0, 0, 0, 0, 0, 12, True, False), robot.now
-        )
-        robot.agent.kernel.receive(robot.scan(np.full(LASER.rays, bad)), robot.now)
-        out = [o.message for o in robot.out()]
-        assert not [m for m in out if isinstance(m, Obstacles)]
-        logs += [m for m in out if isinstance(m, Log)]
+        assert robot.cycle(ranges=np.full(LASER.rays, bad)) is None
+    logs = robot.all(Log)
     assert [log.level for log in logs] == [ERROR]
     assert "0 of 541 rays" in logs[0].text
     assert robot.cycle() is not None
@@ -256,11 +234,9 @@ def test_where_it_sees_its_own_robot_it_is_blind_and_nowhere_else() -> None:
 def test_bytes_that_are_no_scan_are_a_blind_laser() -> None:
     robot = Robot(ROOM)
     robot.cycle()
-    robot.number += 1
-    cycle = Cycle(1, robot.number)
-    robot.agent.kernel.receive(RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False), 0.3)
-    robot.agent.kernel.receive(replace(robot.scan(), packed=b"abc"), 0.3)
-    assert not [o for o in robot.out() if isinstance(o.message, Obstacles)]
+    robot.state()
+    said = robot.give(replace(robot.scan(), packed=b"abc"))
+    assert not [message for message in said if isinstance(message, Obstacles)]
 
 
 @pytest.mark.parametrize(
@@ -274,12 +250,6 @@ def test_bytes_that_are_no_scan_are_a_blind_laser() -> None:
 def test_however_it_is_mounted_it_sees_the_same_world(laser: Laser) -> None:
     corner = [(1.0, -2.0, 1.0, 0.7), (1.0, 0.7, 2.0, 0.7), (-1.5, -2.0, -1.5, 2.0)]
     assert max(off(Robot(corner, laser).cycle(), corner)) < 1e-2
-
-
-def test_what_touches_is_an_obstacle_where_nothing_is_seen() -> None:
-    found = Robot(ROOM).cycle(touch=0.21)
-    assert found is not None
-    assert any(p.x == pytest.approx(0.25) for p in found.points)
 
 
 def test_walls_of_the_map_are_expected_where_the_laser_sees_nothing() -> None:
@@ -329,20 +299,6 @@ def test_all_round_the_last_ray_is_the_first_ones_neighbour() -> None:
     near = ScanMap()
     near.update(message_of(Cycle(1, 1), [2.0] * 360, (0.0, tau / 360), (0.1, 5.0), HERE))
     assert near.probe([(cos(-0.005), sin(-0.005))]) == [RayResult.THROUGH]
-
-
-def test_the_odometry_moves_what_is_remembered() -> None:
-    robot = Robot(
-        [(1.0, -0.2, 1.0, 0.2)], replace(LASER, angle_min_deg=-20, angle_max_deg=20, rays=81)
-    )
-    robot.cycle()
-    pose = (0.3, 0.2, 2.0)
-    found = robot.cycle(pose, ranges=np.full(81, inf))
-    assert found is not None
-    x, y, _ = relative(pose, (1.0, 0.0, 0.0))
-    assert found.closest is not None
-    assert atan2(found.closest.y, found.closest.x) == pytest.approx(atan2(y, x), abs=0.3)
-    assert max(off(found, [(1.0, -0.2, 1.0, 0.2)], pose)) < 1e-2
 
 
 @pytest.mark.parametrize("step", [1e-4, -1e-3, 1.0, -1.0])

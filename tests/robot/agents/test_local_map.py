@@ -62,13 +62,6 @@ def mapped(*points: tuple[float, float], settings: MapSettings | None = None) ->
     return local
 
 
-def test_an_empty_map_knows_nothing() -> None:
-    local = LocalMap()
-    local.move(Placed(0.1, 0.0, 0.1))
-    assert local.points() == ()
-    assert (local.closest(), local.front(), local.left(), local.right()) == (None,) * 4
-
-
 @pytest.mark.parametrize("sonar", RING)
 def test_a_sonar_hits_the_point_itself_and_not_the_middle_of_its_cell(sonar: Ping) -> None:
     local = LocalMap()
@@ -93,13 +86,6 @@ def test_echoes_from_beyond_the_map_fill_nothing() -> None:
     local = LocalMap()
     local.update([Ping(0.0, 0.0, 0.2, 2.5), Ping(0.0, 0.0, 0.2, None)])
     assert local.points() == ()
-
-
-def test_an_echo_through_a_point_clears_it() -> None:
-    local = LocalMap()
-    local.update([Ping(0.0, 0.0, 0.2, 0.8)])
-    local.update([Ping(0.0, 0.0, 0.2, 1.6)])
-    assert [round(point.distance, 6) for point in local.points()] == [1.6]
 
 
 def test_silence_is_weak_evidence_a_slanted_wall_does_not_answer_either() -> None:
@@ -285,15 +271,6 @@ def test_every_point_is_on_the_map_outside_the_robot_and_apart_from_the_others_o
         assert not (-0.23 < p.x < 0.21 and abs(p.y) < 0.165)
 
 
-def test_points_that_no_sonar_faces_are_kept() -> None:
-    """Three seconds on the way round something, at a walking pace, with one echo."""
-    local = LocalMap(outline=BODY)
-    local.update([Ping(0.0, 0.0, 0.2, 1.6)])
-    for _ in range(30):
-        local.move(Placed(0.03, 0.0, 0.0))
-    assert len(local.points()) == 1
-
-
 def test_behind_it_is_remembered_for_seconds_but_not_for_ever() -> None:
     local = mapped((1.0, 0.2))
     local.move(HALF)
@@ -345,12 +322,6 @@ def test_a_single_echo_abeam_is_still_known_when_the_tail_comes_by() -> None:
     assert local.closest() == pytest.approx((-0.281, 0.386, math.hypot(0.281, 0.386)))
 
 
-def test_a_point_that_the_robot_drives_over_was_never_there() -> None:
-    local = mapped((0.5, 0.0))
-    local.move(Placed(0.4, 0.0))
-    assert local.points() == ()
-
-
 def test_of_two_points_that_meet_in_a_cell_the_surer_stays() -> None:
     local = LocalMap(LASTING)
     sure, doubtful = (1.20, 0.2), (1.28, 0.2)
@@ -395,20 +366,6 @@ def test_a_near_cell_holds_so_many_points_and_the_least_sure_makes_room() -> Non
     kept = {(round(p.x, 6), round(p.y, 6)) for p in local.points()}
     assert kept == {(round(x, 6), round(y, 6)) for x, y in (*sure[1:], apart[POINTS + 1])}
     assert {key % CELLS for key in local.cells()} == {cell_at(*sure[0], 0.25)}
-
-
-def test_front_left_and_right_are_the_nearest_of_their_sectors_and_share_none() -> None:
-    ahead, left, right, behind = (1.0, 0.2), (0.1, 0.8), (0.4, -0.7), (-0.5, 0.1)
-    far = [(1.9, 0.3), (0.2, 1.7), (0.3, -1.7)]
-    local = mapped(ahead, left, right, behind, *far)
-
-    def near(found: Obstacle | None, point: tuple[float, float]) -> bool:
-        return found is not None and math.dist(found[:2], point) < 1e-9
-
-    assert near(local.closest(), behind)
-    assert near(local.front(), ahead)
-    assert near(local.left(), left)
-    assert near(local.right(), right)
 
 
 @given(st.floats(-math.pi, math.pi))

@@ -58,6 +58,7 @@ from armadico.mobile.messages import (
     Waypoint,
 )
 from armadico.mobile.particles import MOST, poses_of
+from tests.robot.scans import map_of
 
 RING = load_profile("pioneer-2dx").sonar
 WALLS = [(0, 0, 6, 0), (6, 0, 6, 4), (6, 4, 2.5, 4), (2.5, 4, 2.5, 3), (2.5, 3, 0, 3), (0, 3, 0, 0)]
@@ -140,11 +141,6 @@ def test_only_a_reading_that_is_too_short_is_excused(reading: float, changes: bo
     excused = float(MODEL.likelihood(pose, echoes, excused=True)[0, 0])
     assert (excused > 2.0 * strict) == changes
     assert excused == pytest.approx(max(EXCUSED, strict) if changes else strict)
-
-
-def test_a_wall_that_is_square_to_a_beam_beside_its_axis_is_the_echo() -> None:
-    """A sonar measures the nearest wall in its cone, not the one on its axis."""
-    assert one((3.0, 1.5, radians(10.0)), 3.0) > 0.6
 
 
 @pytest.mark.parametrize("off", [18.0, 25.0])
@@ -315,17 +311,6 @@ def test_what_is_learnt_of_the_wheels_is_the_error_that_they_have() -> None:
     assert particles.wheel_errors == pytest.approx((0.0, -0.06, 0.0), abs=0.04)
 
 
-def test_they_find_a_robot_of_which_nothing_is_known() -> None:
-    particles = filtered()
-    particles.lost = True
-    particles.start_anywhere()
-    followed = follow(particles, START, 600)
-    way, turned = off(*followed[-1])
-    assert (way, turned) < (0.15, 0.1)
-    assert followed[0][1].share < 0.5
-    assert followed[-1][1].share > 0.9
-
-
 def test_readings_of_a_kidnapped_robot_favour_its_true_place() -> None:
     particles = filtered()
     particles.start_at(START, 0.1, 0.05)
@@ -354,17 +339,6 @@ def test_at_the_true_place_no_reading_favours_another() -> None:
     assert other is None or other.throughout < -3.0
     particles.history.mark()
     assert alternative(particles, found.pose) is None, "there is no reading since"
-
-
-def test_readings_of_a_robot_at_rest_are_not_weighed_again() -> None:
-    particles = filtered()
-    particles.start_at(START, 0.3, 0.2)
-    particles.weigh(ring(START))
-    assert not particles.due
-    particles.move((0.0, 0.0, 0.0))
-    assert not particles.due
-    particles.move((particles.settings.moved_m, 0.0, 0.0))
-    assert particles.due
 
 
 @pytest.mark.parametrize("echo", [Echo(0.1, 0.0, 0.3, 100.0), Echo(1e4, -1e4, 0.3, 1.0)])
@@ -472,20 +446,9 @@ def test_a_search_in_pieces_finds_what_one_in_one_go_finds_though_the_robot_driv
 # The agent ----------------------------------------------------------------------------------------
 
 
-MAP = """\
-2D-Map
-LineMinPos: 0 0
-LineMaxPos: 6000 4000
-LINES
-"""
-
-
 @pytest.fixture(scope="module")
 def world(tmp_path_factory: pytest.TempPathFactory) -> str:
-    path = tmp_path_factory.mktemp("world") / "room.map"
-    lines = "\n".join(" ".join(str(round(1000 * v)) for v in wall) for wall in WALLS)
-    path.write_text(MAP + lines + "\n", encoding="utf-8")
-    return str(path)
+    return map_of(tmp_path_factory.mktemp("world") / "room.map", WALLS, (6.0, 4.0))
 
 
 class Robot:
@@ -586,12 +549,6 @@ def test_sonars_fire_one_after_the_other_while_the_robot_moves() -> None:
     assert turned.bearing == pytest.approx(-0.02)
 
 
-def test_one_correction_a_cycle_once_it_has_a_pose(world: str) -> None:
-    robot = Robot(Parameters(world=world))
-    made = [len(robot.at(pose, motion, pose)) for pose, motion in drive(START, 10)]
-    assert made == [1] * 10
-
-
 def test_a_robot_at_rest_has_a_constant_estimate(world: str) -> None:
     """Byte for byte, once the estimate has settled, so that receivers have no new input."""
     robot = Robot(Parameters(world=world))
@@ -619,22 +576,6 @@ def test_twice_a_second_some_particles_are_published_about_where_it_is(world: st
     poses = poses_of(shown[-1])
     assert len(poses) == MOST
     assert hypot(poses[0][0] - pose[0], poses[0][1] - pose[1]) < 0.6
-
-
-@pytest.mark.long
-def test_without_an_initial_pose_it_is_lost_until_it_is_found(world: str) -> None:
-    robot = Robot(Parameters(world=world, start="anywhere"))
-    confidences = []
-    for pose, motion in drive(START, 600):
-        (correction,) = robot.at(pose, motion, (0.0, 0.0, 0.0))
-        confidences.append(correction.confidence)
-        if not correction.confidence:
-            assert correction.covariance[0] >= 1.0
-    assert confidences[0] == 0.0
-    assert confidences[-1] > 0.9
-    assert any(
-        isinstance(message, Log) and "is localized" in message.text for message in robot.published
-    )
 
 
 def test_it_is_searched_for_in_named_rooms_and_elsewhere_only_if_it_began_there() -> None:
@@ -1132,18 +1073,10 @@ def test_a_world_too_large_for_memory_is_rejected(kind: type[Agent], tmp_path: P
         kind(Identity("x-1"), kind.parameters(world=str(path)))
 
 
-def test_a_start_inside_a_wall_is_weighed_as_any_other() -> None:
-    particles = filtered()
-    particles.start_at((6.0, 2.0, 0.0), 0.01, 0.01)
-    particles.weigh(ring(START))
-    assert np.isfinite(particles.weights).all()
-
-
 @pytest.mark.long
 def test_a_map_of_another_place_is_reported_and_slows_the_robot(world: str, tmp_path: Path) -> None:
-    path = tmp_path / "other.map"
-    path.write_text(MAP + "0 0 9000 0\n9000 0 9000 9000\n9000 9000 0 9000\n0 9000 0 0\n")
-    robot = Robot(Parameters(world=str(path)))
+    walls = [(0, 0, 9, 0), (9, 0, 9, 9), (9, 9, 0, 9), (0, 9, 0, 0)]
+    robot = Robot(Parameters(world=map_of(tmp_path / "other.map", walls, (6.0, 4.0))))
     for pose, motion in drive(START, 400):
         (correction,) = robot.at(pose, motion, pose)
     assert any("map badly" in m.text for m in robot.published if isinstance(m, Log))

@@ -13,12 +13,12 @@ from armadico.agents.perception.grid_mapping import Mapper, Settings
 from armadico.agents.perception.mapping import Mapping, Parameters
 from armadico.config import grid_map
 from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, cells_of
-from armadico.core.agent import Identity, Question
+from armadico.core.agent import Identity
 from armadico.core.config_errors import ConfigError
 from armadico.core.messages import Cycle
-from armadico.core.outgoing import Answer, Publish
 from armadico.mobile.messages import Echo, MapRequest, OccupancyGrid, Pose, Scan, Sonar
 from armadico.mobile.scans import message_of
+from armadico.testing import Alone
 from tests.robot.robots import described
 
 HALF = radians(15.0)
@@ -141,38 +141,31 @@ def test_a_map_of_another_resolution_goes_on_where_its_cells_are() -> None:
 # The agent ----------------------------------------------------------------------------------------
 
 
-class Ring:
+class Ring(Alone):
     """A mapping agent, and a robot at rest with echoes from a wall."""
 
     def __init__(self, parameters: Parameters | None = None) -> None:
-        self.agent = Mapping(Identity("mapping-1"), parameters)
-        self.agent.kernel.receive(described("pioneer-2dx"), 0.0)
-        self.number = 0
+        super().__init__(Mapping(Identity("mapping-1"), parameters), robot=described())
 
-    def cycle(self, *, pose_first: bool = False, pose: bool = True, x: float = 2.0) -> None:
-        self.number += 1
-        cycle, now = Cycle(1, self.number), 0.1 * self.number
-        self.agent.cycles.advance(cycle, now)
-        messages = [Sonar(cycle, 5.0, (Echo(0.2, 0.0, 0.0, 1.0),))]
-        messages = [*messages, *([Pose(cycle, x, 1.0, 0.0)] if pose else [])]
-        for message in messages[::-1] if pose_first else messages:
-            self.agent.kernel.receive(message, now)
+    def cycle(self, *, pose_first: bool = False, pose: bool = True) -> None:
+        self.state()
+        messages = [Sonar(self.at, 5.0, (Echo(0.2, 0.0, 0.0, 1.0),))]
+        messages = [*messages, *([Pose(self.at, 2.0, 1.0, 0.0)] if pose else [])]
+        self.give(*messages[:: -1 if pose_first else 1])
 
-    def grids(self) -> list[OccupancyGrid]:
-        out, self.agent.kernel.outbox = self.agent.kernel.outbox, []
-        return [
-            o.message
-            for o in out
-            if isinstance(o, Publish | Answer) and isinstance(o.message, OccupancyGrid)
-        ]
+    def map(self) -> OccupancyGrid:
+        """The map on request."""
+        found = self.query(MapRequest())
+        assert isinstance(found, OccupancyGrid)
+        return found
 
 
 @pytest.mark.parametrize("pose_first", [False, True])
 def test_pings_are_put_where_the_robot_was_in_their_cycle(pose_first: bool) -> None:
     ring = Ring()
-    for _ in range(11):
+    for _ in range(12):
         ring.cycle(pose_first=pose_first)
-    first, second = ring.grids()  # one a second
+    first, second = ring.all(OccupancyGrid)  # one a second
     assert cells_of(second).at(3.2, 1.0) == OCCUPIED
     assert cells_of(second).at(2.6, 1.0) == FREE
     assert cells_of(first).area(FREE) <= cells_of(second).area(FREE)
@@ -183,21 +176,8 @@ def test_a_ping_without_a_pose_of_its_cycle_is_left_out() -> None:
     ring.cycle()
     for _ in range(20):
         ring.cycle(pose=False)
-    (only,) = ring.grids()
+    (only,) = ring.all(OccupancyGrid)
     assert not (cells_of(only).states == OCCUPIED).any()
-
-
-def test_the_map_is_returned_on_request() -> None:
-    ring = Ring()
-    ring.agent.kernel.on_query(MapRequest(), Question(1), 0.0)
-    (nothing,) = ring.grids()
-    assert not nothing.rows
-    for _ in range(20):
-        ring.cycle()
-    ring.grids()
-    ring.agent.kernel.on_query(MapRequest(), Question(2), 2.1)
-    (grid,) = ring.grids()
-    assert cells_of(grid).at(3.2, 1.0) == OCCUPIED
 
 
 def continued(wall_m: float, folder: Path) -> Ring:
@@ -205,9 +185,7 @@ def continued(wall_m: float, folder: Path) -> Ring:
     saved = mapped((0.0, wall_m), (pi, 1.0), at=Placed(2.2, 1.0, 0.0))
     file, _ = grid_map.save(saved.cells(), folder / "saved.yaml")
     ring = Ring(Parameters(resume=str(file)))
-    ring.agent.kernel.on_query(MapRequest(), Question(1), 0.0)
-    (unseen,) = ring.grids()
-    assert not unseen.rows, "nothing is seen yet"
+    assert not ring.map().rows, "nothing is seen yet"
     for _ in range(25):
         ring.cycle()
     return ring
@@ -215,10 +193,8 @@ def continued(wall_m: float, folder: Path) -> Ring:
 
 def test_a_saved_map_is_continued_once_what_is_seen_agrees_with_it(tmp_path: Path) -> None:
     ring = continued(1.0, tmp_path)
-    *_, published = ring.grids()
-    ring.agent.kernel.on_query(MapRequest(), Question(2), 2.6)
-    (answer,) = ring.grids()
-    for grid in (published, answer):
+    published = ring.last(OccupancyGrid)
+    for grid in (published, ring.map()):
         assert cells_of(grid).at(3.2, 1.0) == OCCUPIED
         assert cells_of(grid).at(1.2, 1.0) == OCCUPIED, "of the saved one"
     assert published.map_id == 0
@@ -226,13 +202,11 @@ def test_a_saved_map_is_continued_once_what_is_seen_agrees_with_it(tmp_path: Pat
 
 def test_a_saved_map_that_is_contradicted_is_not_mixed_with_what_is_seen(tmp_path: Path) -> None:
     ring = continued(0.5, tmp_path)
-    *_, published = ring.grids()
+    published = ring.last(OccupancyGrid)
     assert cells_of(published).at(3.2, 1.0) == OCCUPIED
     assert cells_of(published).at(1.2, 1.0) == UNKNOWN, "only the saved one has that wall"
     assert published.map_id, "it is another map: an exploration of the saved one fails"
-    ring.agent.kernel.on_query(MapRequest(), Question(2), 2.6)
-    (answer,) = ring.grids()
-    assert not answer.rows, "nothing is saved over the map that was to be continued"
+    assert not ring.map().rows, "nothing is saved over the map that was to be continued"
 
 
 def test_a_saved_map_that_cannot_be_read_is_an_error(tmp_path: Path) -> None:

@@ -5,42 +5,43 @@ from __future__ import annotations
 import re
 from math import pi
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from armadico.agents.driving.path_planning import Parameters, PathPlanning
 from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, message_of
-from armadico.core.agent import Identity, Question
+from armadico.core.agent import Identity
 from armadico.core.messages import Cycle, Log, Point, RobotState, decode, encode
-from armadico.core.outgoing import Answer, Publish
 from armadico.mobile.behaviour import UNSURE_M
-from armadico.mobile.messages import Echo, MissionRequest, Plan, PlanRequest, Pose, Sonar, Waypoint
+from armadico.mobile.messages import Echo, Plan, PlanRequest, Pose, Sonar, Waypoint
 from armadico.mobile.scans import message_of as scan_message
-from armadico.testing.alone import covariance
+from armadico.testing.alone import Alone, covariance
 
 START, GOAL = Waypoint(3.4, 0.6, pi / 2), Waypoint(7.4, 0.7, -pi / 2)
 
 
+def planning(**parameters: Any) -> Alone:
+    return Alone(PathPlanning(Identity("path-planning-1"), Parameters(**parameters)), robot=None)
+
+
 @pytest.fixture(scope="module")
-def planner() -> PathPlanning:
-    return PathPlanning(Identity("path-planning-1"), Parameters(world="sc4"))
+def planner() -> Alone:
+    return planning(world="sc4")
 
 
-def request_plan(planner: PathPlanning, start: Waypoint, goal: Waypoint) -> Plan:
-    planner.kernel.on_query(PlanRequest(start, goal), Question(5), 1.0)
-    out, planner.kernel.outbox = planner.kernel.outbox, []
-    (answer,) = (item for item in out if isinstance(item, Answer))
-    assert answer.id == 5
-    assert isinstance(answer.message, Plan)
-    assert decode(encode(answer.message), Plan) == answer.message
-    logs = [o.message for o in out if isinstance(o, Publish) and isinstance(o.message, Log)]
-    assert len(logs) == (0 if answer.message.refusal else 1)
-    return answer.message
+def request_plan(planner: Alone, start: Waypoint, goal: Waypoint, why: str = "") -> Plan:
+    logged = len(planner.all(Log))
+    plan = planner.query(PlanRequest(start, goal, why))
+    assert isinstance(plan, Plan)
+    assert decode(encode(plan), Plan) == plan
+    assert len(planner.all(Log)) == logged + (not plan.refusal)
+    return plan
 
 
 def test_a_path_through_the_doors_ends_on_the_goal_with_its_cost(
-    planner: PathPlanning,
+    planner: Alone,
 ) -> None:
     plan = request_plan(planner, START, GOAL)
     assert plan.refusal == ""
@@ -49,39 +50,8 @@ def test_a_path_through_the_doors_ends_on_the_goal_with_its_cost(
     assert plan.energy > 0.0
 
 
-def test_a_longer_way_costs_more(planner: PathPlanning) -> None:
-    near, far = (
-        request_plan(planner, START, Waypoint(1.5, 2.0, 0.0)),
-        request_plan(planner, START, GOAL),
-    )
-    assert near.length < far.length
-    assert near.energy < far.energy
-
-
-@pytest.mark.parametrize(
-    ("start", "goal", "why"),
-    [
-        (START, Waypoint(4.6, 1.0, 0.0), "the goal .* is inside a wall"),
-        (START, Waypoint(50.0, 1.0, 0.0), "the goal .* is off the world"),
-        (Waypoint(-50.0, 1.0, 0.0), GOAL, "the start .* is off the world"),
-        (Waypoint(4.6, 1.0, 0.0), GOAL, "the start .* is inside a wall"),
-    ],
-)
-def test_what_cannot_be_is_refused_with_the_reason(
-    planner: PathPlanning, start: Waypoint, goal: Waypoint, why: str
-) -> None:
-    plan = request_plan(planner, start, goal)
-    assert plan.waypoints == ()
-    assert re.search(why, plan.refusal)
-
-
-def test_another_question_than_for_a_plan_is_not_answered(planner: PathPlanning) -> None:
-    planner.kernel.on_query(MissionRequest(GOAL), Question(6), 1.0)
-    assert planner.kernel.outbox == []
-
-
 def test_a_way_of_more_turns_than_a_mission_may_have_is_refused(
-    planner: PathPlanning, monkeypatch: pytest.MonkeyPatch
+    planner: Alone, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("armadico.agents.driving.path_planning.WAYPOINTS", 2)
     plan = request_plan(planner, START, GOAL)
@@ -114,119 +84,109 @@ DOOR = 0.6 - 0.166  # m from the foremost sonars to the door
 
 
 @pytest.fixture
-def two_doors(tmp_path: Path) -> PathPlanning:
+def two_doors(tmp_path: Path) -> Alone:
     """It plans in two rooms with a door ahead and one aside."""
     path = tmp_path / "two-doors.map"
     path.write_text(TWO_DOORS)
-    return PathPlanning(Identity("path-planning-1"), Parameters(world=str(path)))
+    return planning(world=str(path))
 
 
 def look(
-    planner: PathPlanning, ahead: float, *, cycles: int = 20, off_m: float = 0.0, first: int = 1
+    planner: Alone, ahead: float, *, cycles: int = 20, off_m: float = 0.0, first: int = 1
 ) -> None:
     """The robot stands before the near door; something answers, or nothing does."""
     for number in range(first, first + cycles):
-        cycle, now = Cycle(1, number), number / 10
+        cycle, planner.now = Cycle(1, number), number / 10
         echoes = [Echo(0.166, y, bearing, ahead) for y, bearing in ((0.027, 0.17), (-0.027, -0.17))]
         pose = Pose(cycle, BEFORE.x, BEFORE.y, BEFORE.theta, covariance(off_m))
         state = RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False)
-        for message in (state, pose, Sonar(cycle, 5.0, tuple(echoes))):
-            planner.kernel.receive(message, now)
+        planner.give(state, pose, Sonar(cycle, 5.0, tuple(echoes)))
 
 
-def doors(planner: PathPlanning) -> str:
-    planner.kernel.on_query(PlanRequest(BEFORE, BEYOND, "no nearer"), Question(5), planner.now)
-    out, planner.kernel.outbox = planner.kernel.outbox, []
-    texts = [o.message.text for o in out if isinstance(o, Publish) and isinstance(o.message, Log)]
-    return texts[-1] if texts else next(o.message.refusal for o in out if isinstance(o, Answer))
+def doors(planner: Alone) -> str:
+    refusal = request_plan(planner, BEFORE, BEYOND, "no nearer").refusal
+    return refusal or planner.last(Log).text
 
 
 def test_it_plans_round_a_closed_door_and_logs_the_reason(
-    two_doors: PathPlanning,
+    two_doors: Alone,
 ) -> None:
     assert "through near" in doors(two_doors)
     look(two_doors, DOOR)
     assert re.search("through far, .*: no nearer", doors(two_doors))
 
 
-def test_without_another_path_it_names_the_closed_door(
-    two_doors: PathPlanning, tmp_path: Path
-) -> None:
+def test_without_another_path_it_names_the_closed_door(two_doors: Alone, tmp_path: Path) -> None:
     lines = [line for line in TWO_DOORS.splitlines() if '"far"' not in line]
     path = tmp_path / "one-door.map"
     path.write_text("\n".join(lines).replace("4500 5600 4500 6000", "4500 4600 4500 6000"))
-    planner = PathPlanning(Identity("path-planning-1"), Parameters(world=str(path)))
+    planner = planning(world=str(path))
     look(planner, DOOR)
     assert re.search("no way from room A to room B: door near leaves 0.* m", doors(planner))
 
 
-def test_once_the_door_is_seen_open_the_way_leads_through_it_again(two_doors: PathPlanning) -> None:
+def test_once_the_door_is_seen_open_the_way_leads_through_it_again(two_doors: Alone) -> None:
     look(two_doors, DOOR)
     look(two_doors, 4.0, first=21)
     assert "through near" in doors(two_doors)
 
 
-def test_points_that_no_sensor_covers_fade(two_doors: PathPlanning) -> None:
+def test_points_that_no_sensor_covers_fade(two_doors: Alone) -> None:
     look(two_doors, DOOR)
-    two_doors.kernel.receive(RobotState(Cycle(1, 400), 0, 0, 0, 0, 0, 12, True, False), 40.0)
+    two_doors.now = 40.0
+    two_doors.give(RobotState(Cycle(1, 400), 0, 0, 0, 0, 0, 12, True, False))
     assert "through near" in doors(two_doors)
 
 
-def test_where_the_pose_is_unsure_nothing_is_put_down(two_doors: PathPlanning) -> None:
+def test_where_the_pose_is_unsure_nothing_is_put_down(two_doors: Alone) -> None:
     look(two_doors, DOOR, off_m=1.1 * UNSURE_M)
     assert "through near" in doors(two_doors)
 
 
 def test_a_collision_is_planned_round_though_no_sonar_detects_it(
-    two_doors: PathPlanning,
+    two_doors: Alone,
 ) -> None:
     near_door = Pose(Cycle(1, 1), 4.25, 3.0, 0.0)
     touch = Point(0.21, 0.0)
     state = RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, True, True, touch=touch)
-    for message in (state, near_door, Sonar(Cycle(1, 1), 5.0, ())):
-        two_doors.kernel.receive(message, 0.1)
+    two_doors.give(state, near_door, Sonar(Cycle(1, 1), 5.0, ()))
     assert "through far" in doors(two_doors)
 
 
-def test_something_at_the_goal_itself_is_the_reason(two_doors: PathPlanning) -> None:
+def test_something_at_the_goal_itself_is_the_reason(two_doors: Alone) -> None:
     look(two_doors, DOOR)
-    two_doors.kernel.on_query(PlanRequest(BEFORE, Waypoint(4.6, 3.05, 0.0)), Question(5), 2.0)
-    (refusal,) = (o.message.refusal for o in two_doors.kernel.outbox if isinstance(o, Answer))
+    refusal = request_plan(two_doors, BEFORE, Waypoint(4.6, 3.05, 0.0)).refusal
     assert "something was seen" in refusal
 
 
 def test_a_robot_that_has_driven_somewhere_is_there_however_near_a_wall_is_by_its_pose(
-    two_doors: PathPlanning,
+    two_doors: Alone,
 ) -> None:
     beside = Waypoint(4.4, 2.0, 0.0)
     assert "inside a wall" in request_plan(two_doors, beside, BEYOND).refusal
-    two_doors.kernel.on_query(PlanRequest(beside, BEYOND, "the robot was lost"), Question(5), 1.0)
-    (plan,) = (o.message for o in two_doors.kernel.outbox if isinstance(o, Answer))
-    assert isinstance(plan, Plan)
-    assert plan.waypoints
+    assert request_plan(two_doors, beside, BEYOND, "the robot was lost").waypoints
 
 
 # Without a map ------------------------------------------------------------------------------------
 
 
 @pytest.fixture
-def without_a_map() -> PathPlanning:
-    return PathPlanning(Identity("path-planning-1"), Parameters())
+def without_a_map() -> Alone:
+    return planning()
 
 
-def looks(planner: PathPlanning, ranges: list[tuple[float, float]], *, first: int = 1) -> None:
+def looks(planner: Alone, ranges: list[tuple[float, float]], *, first: int = 1) -> None:
     """It stands at (0, 0) and receives echoes from bearings (rad) and ranges (m) for a second."""
     for number in range(first, first + 10):
-        cycle = Cycle(1, number)
+        cycle, planner.now = Cycle(1, number), number / 10
         echoes = tuple(Echo(0.0, 0.0, bearing, away) for bearing, away in ranges)
         pose = Pose(cycle, 0.0, 0.0, 0.0, covariance(0.01))
         state = RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False)
-        for message in (state, pose, Sonar(cycle, 5.0, echoes)):
-            planner.kernel.receive(message, number / 10)
+        planner.give(state, pose, Sonar(cycle, 5.0, echoes))
 
 
 def test_without_a_map_what_was_not_seen_is_free_wherever_the_goal_is(
-    without_a_map: PathPlanning,
+    without_a_map: Alone,
 ) -> None:
     for x in (3.0, 30.0, -60.0):
         plan = request_plan(without_a_map, Waypoint(0.0, 0.0, 0.0), Waypoint(x, 0.0, 0.0))
@@ -234,7 +194,7 @@ def test_without_a_map_what_was_not_seen_is_free_wherever_the_goal_is(
 
 
 def test_without_a_map_it_plans_round_what_it_saw_long_ago_until_it_sees_through_it(
-    without_a_map: PathPlanning,
+    without_a_map: Alone,
 ) -> None:
     ahead = [k / 10 for k in range(-8, 9)]
     looks(without_a_map, [(bearing, 1.0) for bearing in ahead])
@@ -244,26 +204,23 @@ def test_without_a_map_it_plans_round_what_it_saw_long_ago_until_it_sees_through
 
 
 def test_without_a_map_a_goal_that_is_too_far_for_a_plan_is_refused(
-    without_a_map: PathPlanning,
+    without_a_map: Alone,
 ) -> None:
     plan = request_plan(without_a_map, Waypoint(0.0, 0.0, 0.0), Waypoint(9e3, 9e3, 0.0))
     assert re.search("too far to plan for", plan.refusal)
 
 
-def test_without_a_map_it_forgets_what_would_shut_it_in(without_a_map: PathPlanning) -> None:
+def test_without_a_map_it_forgets_what_would_shut_it_in(without_a_map: Alone) -> None:
     """Something stood all round it once: that cannot be, it has driven in."""
     looks(without_a_map, [(k / 10, 0.8) for k in range(63)])
     assert length(without_a_map, 2.0) is None
     assert length(without_a_map, 60.0) == pytest.approx(3.0)
 
 
-def length(planner: PathPlanning, now: float) -> float | None:
+def length(planner: Alone, now: float) -> float | None:
     """Length of the path to a place 3 m ahead, m; None without a path."""
-    request = PlanRequest(Waypoint(0.0, 0.0, 0.0), Waypoint(3.0, 0.0, 0.0))
-    planner.kernel.on_query(request, Question(5), now)
-    (plan,) = (o.message for o in planner.kernel.outbox if isinstance(o, Answer))
-    planner.kernel.outbox = []
-    assert isinstance(plan, Plan)
+    planner.now = now
+    plan = request_plan(planner, Waypoint(0.0, 0.0, 0.0), Waypoint(3.0, 0.0, 0.0))
     return plan.length if plan.waypoints else None
 
 
@@ -282,9 +239,9 @@ def made_map(*, door: bool = True) -> Cells:
 
 
 def test_on_the_map_of_slam_it_plans_over_what_is_known() -> None:
-    planner = PathPlanning(Identity("path-planning-1"), Parameters(profile="pioneer-2dx"))
+    planner = planning()
     here, there = Waypoint(1.0, 0.5, 0.0), Waypoint(5.0, 2.5, 0.0)
-    planner.kernel.receive(message_of(made_map(), 3), 1.0)
+    planner.give(message_of(made_map(), 3))
     plan = request_plan(planner, here, there)
     assert plan.waypoints[-1] == there
     assert plan.revision == 3
@@ -296,26 +253,26 @@ def test_on_the_map_of_slam_it_plans_over_what_is_known() -> None:
         (Waypoint(3.0, 0.5, 0.0), "the goal (3, 0.5) is inside a wall, or 0.05 m from one"),
     ):
         assert request_plan(planner, here, goal).refusal.startswith(why)
-    planner.kernel.receive(message_of(made_map(door=False), 4), 2.0)
+    planner.give(message_of(made_map(door=False), 4))
     assert "over what the map knows" in request_plan(planner, here, there).refusal
 
 
 def test_a_planner_that_knows_the_world_ignores_the_map_that_is_made(
-    planner: PathPlanning,
+    planner: Alone,
 ) -> None:
-    planner.kernel.receive(message_of(made_map(), 3), 1.0)
+    planner.give(message_of(made_map(), 3))
     plan = request_plan(planner, START, GOAL)
     assert (plan.refusal, plan.revision) == ("", 0)
 
 
 def test_what_the_newest_scan_sees_is_no_way() -> None:
-    planner = PathPlanning(Identity("path-planning-1"), Parameters(profile="pioneer-2dx"))
+    planner = planning()
     here, there = Waypoint(1.0, 1.6, 0.0), Waypoint(5.0, 1.6, 0.0)
-    planner.kernel.receive(RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12.0, True, False), 1.0)
-    planner.kernel.receive(message_of(made_map(), 3), 1.0)
-    planner.kernel.receive(Pose(Cycle(1, 1), 1.0, 1.6, 0.0, revision=3), 1.0)
+    planner.give(RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12.0, True, False))
+    planner.give(message_of(made_map(), 3))
+    planner.give(Pose(Cycle(1, 1), 1.0, 1.6, 0.0, revision=3))
     ranges = np.full(41, 2.0)  # a closed door
     scan = scan_message(Cycle(1, 1), ranges, (-0.4, 0.02), (0.1, 10.0), (0.0, 0.0, 0.0), number=1)
     assert request_plan(planner, here, there).refusal == ""
-    planner.kernel.receive(scan, 1.0)
+    planner.give(scan)
     assert "over what the map knows" in request_plan(planner, here, there).refusal

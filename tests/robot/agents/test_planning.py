@@ -16,7 +16,7 @@ from armadico.agents.methods.geometry import Placed, direction, distance
 from armadico.agents.methods.grid import Grid, Margins
 from armadico.agents.methods.path_smoothing import ROUND_M, rounded
 from armadico.agents.methods.planning import Plan, PlanError
-from armadico.agents.methods.room_graph import Leg, axis, route
+from armadico.agents.methods.room_graph import axis, route
 from armadico.bridge.p2os.profile import P2osRobot
 from armadico.config.profile import load_profile
 from armadico.config.worlds import Door, Room, Segment, World
@@ -237,11 +237,6 @@ def test_the_mark_of_a_door_need_not_be_in_the_middle_of_its_opening() -> None:
     assert plan(moved, START, GOAL).waypoints[0].x == pytest.approx(1.5, abs=0.03)
 
 
-def test_the_shorter_chain_of_doors_is_taken() -> None:
-    assert plan(SHORT_CUT, START, GOAL).doors == ("c",)
-    assert plan(ROOMS, START, GOAL).doors == ("a", "b")
-
-
 def test_a_door_too_narrow_is_gone_round() -> None:
     narrow = msgspec.structs.replace(SHORT_CUT, walls=(*SHORT_CUT.walls, (4.6, 1.4, 4.6, 2.0)))
     assert plan(narrow, START, GOAL).doors == ("a", "b")
@@ -352,16 +347,6 @@ def test_without_rooms_too_it_raises_an_error_without_a_path() -> None:
     closed = msgspec.structs.replace(OPEN, walls=(*OPEN.walls, (5.0, 3.0, 5.0, 4.5)))
     with pytest.raises(PlanError, match=r"no way from \(3\.4, 0\.6\) to \(7\.4, 0\.7\)"):
         plan(closed, START, GOAL)
-
-
-def test_a_route_is_legs_from_the_start_over_doors_to_the_goal() -> None:
-    assert route(ROOMS, START, GOAL) == [
-        Leg("A", None, "a"),
-        Leg("hall", "a", "b"),
-        Leg("B", "b", None),
-    ]
-    assert route(ROOMS, START, GOAL, shut=["b"]) is None
-    assert route(ROOMS, START, GOAL, closed=[Leg("hall", "a", "b")]) is None
 
 
 @given(st.integers(2, 6), st.data())

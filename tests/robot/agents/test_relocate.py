@@ -22,7 +22,9 @@ from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.particles import message_of
 from armadico.observe.measures import speeds
 from armadico.testing.alone import Alone, claims, commands, drive_to, obstacles, wall
+from tests.robot.agents.test_active_localization import NICHE
 from tests.robot.robots import body
+from tests.robot.scans import map_of
 
 AWAY = drive_to((4.0, 0.0, 0.0))
 PIONEER = body()
@@ -292,27 +294,9 @@ def test_where_it_neither_turns_to_what_is_open_nor_gets_on_it_goes_where_there_
     assert speeds(commands(made.published)[-1])[0] < 0.0
 
 
-CORRIDOR = """\
-2D-Map
-LineMinPos: 0 0
-LineMaxPos: 12000 3000
-LINES
-0 0 12000 0
-12000 0 12000 2000
-12000 2000 9000 2000
-9000 2000 9000 3000
-9000 3000 8000 3000
-8000 3000 8000 2000
-8000 2000 0 2000
-0 2000 0 0
-"""
-
-
 @pytest.fixture
 def world(tmp_path: Path) -> str:
-    path = tmp_path / "niche.map"
-    path.write_text(CORRIDOR, encoding="utf-8")
-    return str(path)
+    return map_of(tmp_path / "niche.map", NICHE, (12.0, 3.0))
 
 
 def distinguish(made: Alone, *places: Pose2) -> None:

@@ -13,10 +13,10 @@ from armadico.agents.perception.sonar import START_S, Parameters, SonarAgent
 from armadico.config.scenarios import load_scenario
 from armadico.core.agent import Identity
 from armadico.core.messages import Cycle, Point, RobotState
-from armadico.core.outgoing import Publish
 from armadico.launch.society import Options, members
 from armadico.mobile.messages import Correction, Echo, Pose, Sonar
 from armadico.mobile.obstacles import Obstacles
+from armadico.testing.alone import Alone, covariance
 from tests.robot.robots import described
 
 MAPPED = Parameters(world="sc2")
@@ -25,14 +25,13 @@ MAPPED = Parameters(world="sc2")
 AHEAD = radians(10.0)  # where a sonar looks; those of a Pioneer look at 10, 30, 50 and 90 degrees
 
 
-class Ring:
+class Ring(Alone):
     """A robot with given sonar readings."""
 
     def __init__(self, parameters: Parameters | None = None, robot: str = "pioneer-2dx") -> None:
-        self.agent = SonarAgent(Identity("sonar-1"), parameters)
-        self.agent.kernel.receive(described(robot), 0.0)
-        self.epoch, self.number, self.now = 1, 0, 0.0
-        self.agent._cycles = 99
+        agent = SonarAgent(Identity("sonar-1"), parameters)
+        super().__init__(agent, robot=described(robot))
+        agent._cycles = 99
 
     def ping(
         self,
@@ -43,22 +42,13 @@ class Ring:
         deviation: float = 0.02,
     ) -> Obstacles:
         """One cycle: bearings (rad) and ranges (m) from the middle of the robot."""
-        self.number += 1
-        self.now += 0.1
-        cycle = Cycle(self.epoch, self.number)
-        at = None if touch is None else Point(touch, 0.0)
-        state = RobotState(cycle, *odometry, 0, 0, 12, True, at is not None, touch=at)
-        self.agent.kernel.receive(state, self.now)
+        self.odometry, self.touch = odometry, None if touch is None else Point(touch, 0.0)
+        self.state()
         if pose is not None:
-            each = deviation * deviation / 2.0
-            covariance = (each, 0.0, 0.0, each, 0.0, 1e-4) if deviation else ()
-            self.agent.kernel.receive(Pose(cycle, *pose, covariance), self.now)
-        measured = tuple(Echo(0.0, 0.0, bearing, distance) for bearing, distance in echoes)
-        self.agent.kernel.receive(Sonar(cycle, 5.0, measured), self.now)
-        out, self.agent.kernel.outbox = self.agent.kernel.outbox, []
-        messages = [o.message for o in out if isinstance(o, Publish)]
-        (found,) = (message for message in messages if isinstance(message, Obstacles))
-        assert found.cycle == cycle
+            self.give(Pose(self.at, *pose, covariance(deviation)))
+        said = self.give(heard(self.at, *echoes))
+        (found,) = (message for message in said if isinstance(message, Obstacles))
+        assert found.cycle == self.at
         return found
 
     def twice(self, *echoes: tuple[float, float | None]) -> Obstacles:
@@ -76,41 +66,31 @@ def polar(distance: float, bearing: float) -> Point:
     return Point(distance * cos(bearing), distance * sin(bearing))
 
 
+def heard(cycle: Cycle, *echoes: tuple[float, float | None]) -> Sonar:
+    """Echoes of a cycle: bearings (rad) and ranges (m) from the middle of the robot."""
+    return Sonar(cycle, 5.0, tuple(Echo(0.0, 0.0, *echo) for echo in echoes))
+
+
+def published_in(cycle_s: float, cycles: int, described_in: int) -> list[int]:
+    """The cycles in which an agent publishes that starts, and is told of the robot in one."""
+    alone = Alone(SonarAgent(Identity("sonar-2")), robot=None)
+    for number in range(1, cycles + 1):
+        alone.now = cycle_s * number
+        if number == described_in:
+            alone.give(replace(described(), cycle_s=cycle_s))
+        at = Cycle(1, number)
+        alone.give(RobotState(at, 0, 0, 0, 0, 0, 12, True, False), heard(at, (AHEAD, 1.0)))
+    return [message.cycle.number for message in alone.all(Obstacles)]
+
+
 @pytest.mark.parametrize("cycle_s", [0.05, 0.1])
 def test_after_a_start_it_publishes_nothing_for_one_turn_of_the_ring(cycle_s: float) -> None:
-    agent = SonarAgent(Identity("sonar-2"))
-    agent.kernel.receive(replace(described(), cycle_s=cycle_s), 0.0)
-    cycles, messages = round(START_S / cycle_s), []
-    for number in range(1, cycles + 2):
-        now = cycle_s * number
-        agent.kernel.receive(RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, False), now)
-        agent.kernel.receive(Sonar(Cycle(1, number), 5.0, (Echo(0.0, 0.0, AHEAD, 1.0),)), now)
-        messages += [o.message for o in agent.kernel.outbox if isinstance(o, Publish)]
-        agent.kernel.outbox.clear()
-    published_in = [m.cycle.number for m in messages if isinstance(m, Obstacles)]
-    assert published_in == [cycles, cycles + 1]
+    cycles = round(START_S / cycle_s)
+    assert published_in(cycle_s, cycles + 1, 1) == [cycles, cycles + 1]
 
 
 def test_before_the_robot_is_described_it_publishes_nothing() -> None:
-    agent, messages = SonarAgent(Identity("sonar-2")), []
-    for number in range(1, 13):
-        if number == 11:
-            agent.kernel.receive(described(), 0.1 * number)
-        agent.kernel.receive(
-            RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, False), 0.1 * number
-        )
-        agent.kernel.receive(
-            Sonar(Cycle(1, number), 5.0, (Echo(0.0, 0.0, AHEAD, 1.0),)), 0.1 * number
-        )
-        messages += [o.message for o in agent.kernel.outbox if isinstance(o, Publish)]
-        agent.kernel.outbox.clear()
-    assert [m.cycle.number for m in messages if isinstance(m, Obstacles)] == [11, 12]
-
-
-def test_with_no_echo_there_is_nothing(ring: Ring) -> None:
-    found = ring.ping((AHEAD, None))
-    assert (found.closest, found.front, found.left, found.right) == (None,) * 4
-    assert found.points == ()
+    assert published_in(0.1, 12, 11) == [11, 12]
 
 
 def test_a_cycles_echoes_are_in_that_cycles_obstacles(ring: Ring) -> None:
@@ -172,8 +152,7 @@ def test_odometry_that_begins_anew_does_not_move_the_map(ring: Ring) -> None:
 
 def test_an_echo_of_another_cycle_is_not_taken(ring: Ring) -> None:
     ring.ping((AHEAD, None))
-    ring.agent.kernel.receive(Sonar(Cycle(1, 99), 5.0, (Echo(0.0, 0.0, 0.0, 1.0),)), ring.now)
-    assert ring.agent.kernel.outbox == []
+    assert ring.give(heard(Cycle(1, 99), (0.0, 1.0))) == []
     assert ring.ping((AHEAD, None)).points == ()
 
 
@@ -262,8 +241,7 @@ def test_one_that_was_lifted_expects_what_is_forbidden_and_no_wall_of_where_it_w
     found = ring.ping((AHEAD, None), pose=(0.0, 0.0, 0.0))
     assert {point.x > 0.0 for point in found.points} == {False, True}
     wide = (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
-    lost = Correction(Cycle(1, ring.number), 0, 0, 0, wide, 0.0, elsewhere)
-    ring.agent.kernel.receive(lost, ring.now)
+    ring.give(Correction(ring.at, 0, 0, 0, wide, 0.0, elsewhere))
     found = ring.ping((AHEAD, None), pose=(0.0, 0.0, 0.0), deviation=1.4)
     assert {point.x > 0.0 for point in found.points} == ({False} if elsewhere else {False, True})
     found = ring.ping((AHEAD, None), pose=(0.0, 0.0, 0.0))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from math import hypot
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from armadico.agents.driving.path_planning import PathPlanning
 from armadico.agents.methods.geometry import Placed
 from armadico.agents.methods.planning import Plan, PlanError, plan
 from armadico.config.profile import load_profile
-from armadico.config.worlds import World, distance, load_world
+from armadico.config.worlds import distance, load_world
 from armadico.core.agent import Identity, Question
 from armadico.core.messages import Point
 from armadico.core.outgoing import Answer
@@ -188,11 +187,3 @@ def test_far_from_it_the_speed_is_as_ever() -> None:
 def test_by_sonar_each_point_may_be_a_wall_across_the_way() -> None:
     part = (Stretch(5.0, 1.0, 5.0, 3.0),)
     assert limited(4.5, part, ("sonar",)) < limited(4.5, part, ("sonar", "laser"))
-
-
-def test_world_without_unseen_plans_the_same(tmp_path: Path) -> None:
-    world = load_world(room(tmp_path, (0.0, 5.0, 0.5, 6.0)))
-    seen: World = replace(world, unseen=None)
-    ends = Placed(1.5, 1.5), Placed(6.5, 1.5)
-    assert plan(world, *ends, BODY).waypoints == plan(seen, *ends, BODY).waypoints
-    assert hypot(*(a - b for a, b in zip(ends[0][:2], ends[1][:2], strict=True))) == 5.0
