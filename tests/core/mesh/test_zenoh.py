@@ -42,15 +42,6 @@ def test_an_endpoint_that_is_not_this_computers_is_named() -> None:
         ZenohMesh("endpoints", topology(router=True, robot="tcp/192.0.2.1:7447")).open()
 
 
-def test_a_client_on_another_computer_joins_by_the_robots_endpoint() -> None:
-    endpoint = f"tcp/{LOOPBACK}:{free_port()}"
-    with (
-        ZenohMesh("endpoints", topology(router=True, robot=endpoint)),
-        ZenohMesh("endpoints", topology(connect=endpoint)) as client,
-    ):
-        assert client.wait_joined(SOON)
-
-
 # Programs that end --------------------------------------------------------------------------------
 
 LEFT_OPEN = """

@@ -175,13 +175,6 @@ def test_a_latched_stop_that_is_released_is_not_latched() -> None:
     assert not robot.press.done
 
 
-def test_wheels_that_rest_before_the_latch_is_acknowledged_are_not_enough() -> None:
-    robot = Robot()
-    for _ in range(50):
-        robot.state(Stop())
-    assert not robot.press.done
-
-
 # The release --------------------------------------------------------------------------------------
 
 
