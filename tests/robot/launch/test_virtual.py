@@ -53,15 +53,6 @@ BRAKING_S = 3.0
 LINE = ideal(Scenario(name="line", world="sc1", start=(-1.5, 0.0, 0.0), goal=(6.5, 0.0, 0.0)))
 
 
-@pytest.mark.long(but=("sc1",))
-@pytest.mark.parametrize("name", ["sc1", "sc3", "house"])
-def test_every_scenario_reaches_its_goal_and_touches_nothing(name: str) -> None:
-    result = Rehearsal(ideal(load_scenario(name)), Options(seed=1)).run()
-    again = f"armadico run {name} --virtual --sensors ideal --seed 1"
-    assert result.reached, again
-    assert result.collisions == 0, again
-
-
 @pytest.mark.long(but=("sc4",))
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_every_scenario_reaches_its_goal_as_it_is_shipped(name: str) -> None:
