@@ -28,12 +28,12 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Final, NoReturn
 
 from armadico.core.agent import Agent, DeviceAgent, Identity
 from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
 from armadico.core.individual import Rights
+from armadico.core.installed import version_of
 from armadico.core.journal import Journalled
 from armadico.core.kernel import Subscription
 from armadico.core.mailbox import BURST_S, EVENTS, URGENT
@@ -512,19 +512,12 @@ def identity(
         instance=f"{name}-{rng.getrandbits(64):016x}",
         host=host or socket.gethostname(),
         pid=os.getpid(),
-        version=installed_version(),
+        version=version_of("armadico"),
         rng=random.Random(rng.getrandbits(64)),
         table=table,
         protocol=protocol,
         rights=rights,
     )
-
-
-def installed_version() -> str:
-    try:
-        return version("armadico")
-    except PackageNotFoundError:
-        return "unknown"
 
 
 def serve(
