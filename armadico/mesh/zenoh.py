@@ -150,22 +150,6 @@ class Declared:
         self.tokens.clear()
 
 
-@dataclass
-class Watchers:
-    """The callbacks for changes of agents and of the robot's router."""
-
-    agents: list[Changed] = field(default_factory=list)
-    router: list[Callable[[bool], None]] = field(default_factory=list)
-
-    def notify_agent(self, name: str, instance: str, there: bool) -> None:
-        for changed in self.agents:
-            changed(name, instance, there)
-
-    def notify_router(self, reachable: bool) -> None:
-        for changed in self.router:
-            changed(reachable)
-
-
 class ZenohMesh(Reader, Monotonic):
     """One process's session, within one robot's namespace: a `Mesh`.
 
@@ -202,9 +186,9 @@ class ZenohMesh(Reader, Monotonic):
         self._closing: threading.Thread | None = None  # closes a session whose link is lost
         self._declared = Declared()
         self._noted: set[tuple[str, str]] = set()  # checked by the door
-        self._watchers = Watchers()
-        notify = self._watchers.notify_agent, self._watchers.notify_router
-        self._presence = Presence(*notify, reachable=where.router)
+        self._agent_watchers: list[Changed] = []
+        self._router_watchers: list[Callable[[bool], None]] = []
+        self._presence = Presence(self._notify_agent, self._notify_router, reachable=where.router)
         self._peers: PeerLinks | None = None
         self._stop_keeping: Callable[[], None] | None = None  # the door
         self._timer: threading.Timer | None = None
@@ -299,7 +283,7 @@ class ZenohMesh(Reader, Monotonic):
         except zenoh.ZError as error:
             if (there := sockets.holder(path)) is not None:
                 raise MeshError(
-                    f"process {there.pid} is the router of the namespace {self.namespace!r}"
+                    f"process {there} is the router of the namespace {self.namespace!r}"
                     f" already ({path}): `armadico down` ends it, --namespace names another"
                 ) from None
             raise MeshError(f"cannot listen on {', '.join(listen)}: {reason(error)}") from None
@@ -658,8 +642,8 @@ class ZenohMesh(Reader, Monotonic):
 
     def watch_alive(self, changed: Changed) -> None:
         with self._lock:
-            first = not self._watchers.agents
-            self._watchers.agents.append(changed)
+            first = not self._agent_watchers
+            self._agent_watchers.append(changed)
             for agent in sorted(self._presence.reported):
                 changed(*agent, True)
         if first:
@@ -672,10 +656,18 @@ class ZenohMesh(Reader, Monotonic):
 
     def watch_router(self, changed: Callable[[bool], None]) -> None:
         with self._lock:
-            self._watchers.router.append(changed)
+            self._router_watchers.append(changed)
             changed(self._presence.reachable)
 
     # Changes of others, on Zenoh's threads and the timer's ----------------------------------------
+
+    def _notify_agent(self, name: str, instance: str, there: bool) -> None:
+        for changed in self._agent_watchers:
+            changed(name, instance, there)
+
+    def _notify_router(self, reachable: bool) -> None:
+        for changed in self._router_watchers:
+            changed(reachable)
 
     def _watch_tokens(
         self, session: zenoh.Session, where: str, root: int, then: Callable[[list[str], bool], None]

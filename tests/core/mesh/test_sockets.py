@@ -406,9 +406,7 @@ def test_the_holder_of_a_socket_is_the_process_that_listens_on_it(base: Path) ->
     path = base / "a.sock"
     assert holder(path) is None
     with listening(path):
-        found = holder(path)
-        assert found is not None
-        assert (found.pid, found.uid) == (os.getpid(), os.getuid())
+        assert holder(path) == os.getpid()
     assert path.exists()
     assert holder(path) is None, "the process that left it behind has ended"
 

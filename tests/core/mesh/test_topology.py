@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from armadico.mesh.topology import TopologyError, checked_namespace, topology
+from armadico.mesh.topology import TopologyError, checked_namespace, place_of, topology
 
 ROBOT = "tcp/10.0.0.1:7447"
 
@@ -18,6 +18,19 @@ ROBOT = "tcp/10.0.0.1:7447"
 )
 def test_an_endpoint_names_a_protocol_and_an_address_or_a_path(endpoint: str) -> None:
     assert topology(connect=endpoint).connect == (endpoint,)
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "place"),
+    [
+        ("tcp/[fe80::1]:7447", ("fe80::1", 7447)),
+        ("tls/lab1:7447?rel=0#iface=eth0", ("lab1", 7447)),
+    ],
+)
+def test_the_place_of_an_endpoint_is_without_its_settings(
+    endpoint: str, place: tuple[str, int]
+) -> None:
+    assert place_of(endpoint) == place
 
 
 @pytest.mark.parametrize(
