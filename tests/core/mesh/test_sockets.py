@@ -356,14 +356,6 @@ def _signalled(namespace: str) -> Iterator[subprocess.Popen[bytes]]:
             process.kill()
 
 
-@pytest.mark.live
-@pytest.mark.parametrize("router", [False, True])
-def test_a_process_that_joins_gets_the_error_at_once(base: Path, router: bool) -> None:
-    folder().chmod(0o777)
-    with pytest.raises(TopologyError, match=f"chmod 700 {base / 'armadico'}"):
-        ZenohMesh("robot1", topology(router=router)).open()
-
-
 # Paths --------------------------------------------------------------------------------------------
 
 LONG = "a-robot-with-a-name-that-is-as-long-as-it-may-be-" + "x" * 40

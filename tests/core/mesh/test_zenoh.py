@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import socket
-import subprocess
 import sys
 import threading
 from typing import Any, cast
@@ -15,6 +14,7 @@ from armadico.core.messages import Stop
 from armadico.mesh.ports import LOOPBACK, free_port
 from armadico.mesh.topology import MeshError, topology
 from armadico.mesh.zenoh import ZenohMesh
+from tests.programs import call
 
 from .conftest import Join, SpawnRouter
 
@@ -63,13 +63,7 @@ raise ValueError("over")
 
 def ends(program: str) -> bool:
     """Whether a program that leaves its session open ends by its own exception."""
-    ended = subprocess.run(
-        [sys.executable, "-c", program],
-        capture_output=True,
-        text=True,
-        timeout=6 * SOON,
-        check=False,
-    )
+    ended = call("-c", program, program=sys.executable)
     assert ended.stderr.endswith("ValueError: over\n"), ended.stderr
     return ended.returncode == 1
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
 import sys
 from pathlib import Path
 from zipfile import ZipFile
@@ -46,14 +45,8 @@ def new(folder: Path, *words: str) -> Done:
 
 def python(folder: Path, *words: str) -> str:
     """What Python says in a folder where the packages are installed."""
-    done = subprocess.run(
-        [sys.executable, *words],
-        cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(folder / "site"), "TMPDIR": str(folder)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    env = os.environ | {"PYTHONPATH": str(folder / "site"), "TMPDIR": str(folder)}
+    done = call(*words, program=sys.executable, cwd=folder, env=env, within=300.0)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from math import cos, inf, pi, radians, sin
+from math import cos, pi, radians, sin
 from pathlib import Path
 from zlib import compress
 
@@ -70,10 +70,6 @@ def test_forbidden_areas_are_turned_about_the_origin_as_in_aria() -> None:
     assert len(again.forbidden) == 4
     with pytest.raises(ConfigError, match=r"m\.map:2: '1000 2000'"):
         parse_map(f"2D-Map\n{cairn.replace(' 3000 5000', '')}", "w", "m.map")
-
-
-def test_windows_line_ends_change_nothing() -> None:
-    assert parse_map(MAP.replace("\n", "\r\n"), "two") == parse_map(MAP, "two")
 
 
 def test_bounds_hold_walls_that_a_stale_header_does_not() -> None:
@@ -178,14 +174,6 @@ def test_rooms_are_one_word() -> None:
 
 
 # --- what a world can be asked
-
-
-def test_clearance_is_the_distance_to_the_nearest_wall() -> None:
-    world = World("w", ((0.0, 0.0, 2.0, 0.0), (5.0, 5.0, 5.0, 5.0)), (0.0, 0.0, 5.0, 5.0))
-    assert world.clearance(1.0, 0.5) == 0.5
-    assert world.clearance(5.0, 4.0) == 1.0
-    assert world.clearance(-3.0, -4.0) == 5.0
-    assert World("empty", (), (0.0, 0.0, 1.0, 1.0)).clearance(0.0, 0.0) == inf
 
 
 def test_rooms_know_who_is_in_them() -> None:
