@@ -26,17 +26,13 @@ def table() -> dict[str, Need]:
     return found | needs_of_slots(found)
 
 
-def needs(tasks: Iterable[str]) -> tuple[str, ...]:
+def needs(tasks: Iterable[str], *, helps: bool = False) -> tuple[str, ...]:
     """The agents that tasks of these kinds need, the robot agent first, each once.
 
-    Raises ConfigNameError for a kind that the table does not have.
+    `helps`: with the optional agents, which is the least society for these tasks. Raises
+    ConfigNameError for a kind that the table does not have.
     """
-    return tuple(dict.fromkeys((society().robot, *_agents(tasks, helps=False))))
-
-
-def minimum(tasks: Iterable[str]) -> tuple[str, ...]:
-    """The same with the optional agents: the least society for tasks of these kinds."""
-    return tuple(dict.fromkeys((society().robot, *_agents(tasks, helps=True))))
+    return tuple(dict.fromkeys((society().robot, *_agents(tasks, helps=helps))))
 
 
 def _agents(tasks: Iterable[str], *, helps: bool) -> Iterator[str]:

@@ -18,7 +18,7 @@ from msgspec.structs import replace
 from armadico.config.errands import Mission
 from armadico.config.hosts import Host, HostTable
 from armadico.config.loading import load_parameters
-from armadico.config.needs import minimum, needs, tasks
+from armadico.config.needs import needs, tasks
 from armadico.config.parameters import load_set
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import (
@@ -375,7 +375,7 @@ def needed(scenario: Scenario | None, options: Options, table: HostTable) -> tup
 def least(scenario: Scenario) -> Scenario:
     """The scenario with only the agents that its tasks need or use."""
     robot, *_ = names(scenario)
-    taking = sensing(_mapped(scenario, minimum(tasks(scenario))[1:]), scenario.robot)
+    taking = sensing(_mapped(scenario, needs(tasks(scenario), helps=True)[1:]), scenario.robot)
     return replace(scenario, agents=(robot, *(name for name in taking if name != robot)))
 
 

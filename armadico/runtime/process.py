@@ -330,19 +330,16 @@ class AgentHost:
             self._local.append((other, to, item.key, message))
         return Publish(item.key, message), data
 
-    def _unsent(self, driver: Driver, item: Output, error: MessageError) -> None:
-        """Count, log and drop a message that could not be decoded; the agent continues."""
-        assert isinstance(item, Publish | SendQuery | Reply), "nothing else holds a message"
-        if isinstance(item, SendQuery):
-            self.inbox.put(_lane(driver, item), self._replied, driver, item, "", None)
-        driver.refuse(item.key, error, self._clock())
-        self.inbox.put("refused", lambda: None, keep=1)  # so that a turn follows and reports it
-
     def _put(self, driver: Driver, item: Output, data: bytes | None) -> None:
+        """Send; a message that could not be decoded is counted, logged and dropped."""
         try:
             self._pass_on(driver, item, data)
         except MessageError as error:
-            self._unsent(driver, item, error)
+            assert isinstance(item, Publish | SendQuery | Reply), "nothing else holds a message"
+            if isinstance(item, SendQuery):
+                self.inbox.put(_lane(driver, item), self._replied, driver, item, "", None)
+            driver.refuse(item.key, error, self._clock())
+            self.inbox.put("refused", lambda: None, keep=1)  # so that a turn follows, and reports
 
     def _pass_on(self, driver: Driver, item: Output, data: bytes | None) -> None:
         """Send by the mesh or the port. Raises MessageError for a message that cannot be sent."""
