@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 import signal
@@ -40,7 +39,7 @@ from armadico.mesh.sockets import (
 )
 from armadico.mesh.topology import MeshError, TopologyError, topology
 from armadico.mesh.zenoh import ZenohMesh
-from tests.runtime_folder import fresh_folder
+from tests.runtime_folder import fresh_folder, locked
 
 from .conftest import SpawnRouter
 
@@ -130,14 +129,6 @@ def test_beside_temporary_files_another_user_can_be_first_and_it_costs_nothing(
     monkeypatch.setattr(Path, "home", none)
     with pytest.raises(TopologyError, match=f"another user; set {RUNTIME_VARIABLE}"):
         folder()
-
-
-@contextmanager
-def locked(path: Path) -> Iterator[Path]:
-    """Lock a file of a running router or share."""
-    with path.open("a") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield path
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder to another user")

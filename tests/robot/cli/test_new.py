@@ -51,6 +51,12 @@ def python(folder: Path, *words: str) -> str:
     return done.stdout
 
 
+def check_style(folder: Path) -> None:
+    style = ("--isolated", "--line-length=100")
+    python(folder, "-m", "ruff", "check", *style, "--select=E,F,I,N,W", ".")
+    python(folder, "-m", "ruff", "format", *style, "--check", ".")
+
+
 def test_what_is_written_is_installed_found_by_its_name_and_passes_its_own_test(
     tmp_path: Path,
 ) -> None:
@@ -60,17 +66,7 @@ def test_what_is_written_is_installed_found_by_its_name_and_passes_its_own_test(
         module = name.replace("-", "_")
         written = sorted(path.name for path in (tmp_path / name).iterdir())
         assert written == [f"{module}.py", "pyproject.toml", f"test_{module}.py"]
-    python(
-        tmp_path,
-        "-m",
-        "ruff",
-        "check",
-        "--isolated",
-        "--select=E,F,I,N,W",
-        "--line-length=100",
-        ".",
-    )
-    python(tmp_path, "-m", "ruff", "format", "--isolated", "--check", "--line-length=100", ".")
+    check_style(tmp_path)
     folders = [f"./{name}" for name in NAMES.values()]
     quietly = ("--quiet", "--no-deps", "--no-build-isolation", "--no-index", "--target", "site")
     python(tmp_path, "-m", "pip", "install", *quietly, *folders)
@@ -88,9 +84,7 @@ def test_a_new_robot_resource_or_task_is_written_in_good_style(
     tmp_path: Path, what: str, name: str
 ) -> None:
     assert cli.main(["new", what, name, "--into", str(tmp_path)]) == 0
-    style = ("--isolated", "--line-length=100")
-    python(tmp_path, "-m", "ruff", "check", *style, "--select=E,F,I,N,W", ".")
-    python(tmp_path, "-m", "ruff", "format", *style, "--check", ".")
+    check_style(tmp_path)
 
 
 @pytest.mark.long

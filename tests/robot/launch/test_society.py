@@ -93,23 +93,11 @@ def test_a_host_could_start_what_another_has_but_for_who_owns_a_device() -> None
     assert rest[: len(LAB.host("lab").agents)] == [*LAB.host("lab").agents]
 
 
-def test_whoever_is_not_wanted_is_left_out() -> None:
-    without = by_name(Options(without=("gothrough", "avoid")))
-    assert set(by_name()) - set(without) == {"gothrough", "avoid"}
-
-
 def test_a_controller_is_gotos_and_an_exchange_every_behaviours() -> None:
     sets = by_name(Options(controller="fast", exchange="abrupt"))
     assert sets["goto"] == ("controller=fast", "social.exchange=abrupt")
     assert sets["avoid"] == sets["gothrough"] == ("social.exchange=abrupt",)
     assert not any("exchange" in one for one in sets["encoder"])
-
-
-def test_a_scenarios_speed_limit_is_told_to_all_that_drive() -> None:
-    slow = msgspec.structs.replace(SC4, v_max=0.4)
-    sets = by_name(scenario=slow)
-    assert all("v_max=0.4" in sets[name] for name in ("goto", "avoid", "gothrough"))
-    assert not any("v_max" in one for one in sets["encoder"])
 
 
 def test_what_the_command_line_says_comes_after_the_set_and_wins() -> None:
