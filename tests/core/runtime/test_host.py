@@ -7,7 +7,6 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
-import cbor2
 import numpy as np
 import pytest
 
@@ -41,7 +40,6 @@ from armadico.mobile.messages import (
     Trajectory,
     Waypoint,
 )
-from armadico.runtime import process
 from armadico.runtime.process import AgentHost, identity
 from tests.core.mesh.fakes import Clock, FakeCall, FakeMesh, on_a_fake
 
@@ -137,43 +135,6 @@ def test_what_one_publishes_reaches_another_of_its_process_as_it_is() -> None:
     (sent,) = [message for message in mesh.messages if isinstance(message, Pose)]
     assert len(watcher.poses) == 1
     assert watcher.poses[0] is sent, "neither encoded nor decoded"
-
-
-def test_what_a_neighbour_is_given_is_encoded_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    encoded: list[bytes] = []
-    dumps = cbor2.dumps
-
-    def counted(plain: Any) -> bytes:
-        encoded.append(dumps(plain))
-        return encoded[-1]
-
-    poser, watcher = Poser(identity("poser")), Watcher(identity("watcher"))
-    host, mesh = on_a_fake(poser, watcher)
-    monkeypatch.setattr("cbor2.dumps", counted)
-    play(host, lambda: mesh.receive("robot/state", state(1)))
-    both = zip(mesh.sent, mesh.messages, strict=True)
-    (pose,) = [data for data, message in both if type(message) is Pose]
-    assert [m.decode(pose, Pose)] == watcher.poses
-    assert encoded.count(pose) == 1
-
-
-def test_what_several_listen_to_is_subscribed_and_decoded_once(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    decoded: list[bytes] = []
-    decode = m.decode
-
-    def counted(data: bytes, kind: Any) -> Any:
-        decoded.append(data)
-        return decode(data, kind)
-
-    monkeypatch.setattr(process, "decode", counted)
-    monkeypatch.setattr("armadico.core.driver.decode", counted)
-    watchers = [Watcher(identity("watcher")) for _ in range(3)]
-    host, mesh = on_a_fake(*watchers)
-    play(host, lambda: mesh.receive("robot/state", state(1)))
-    assert len(decoded) == 1
-    assert watchers[0].states[0] is watchers[1].states[0] is watchers[2].states[0]
 
 
 def test_each_has_a_token_a_card_and_bids_of_its_own() -> None:

@@ -61,17 +61,6 @@ def own(folder: Path, text: str = OWN) -> Path:
     return file
 
 
-def test_a_file_of_ones_own_loads(tmp_path: Path) -> None:
-    scenario = load_scenario(str(own(tmp_path)))
-    assert (scenario.name, scenario.goal) == ("own", (8.0, 1.0, 0.0))
-
-
-def test_a_world_may_lie_beside_the_scenario(tmp_path: Path) -> None:
-    (tmp_path / "hall.map").write_text("2D-Map\nLineMaxPos: 9000 9000\nLineMinPos: 0 0\n")
-    scenario = load_scenario(own(tmp_path, OWN.replace("sc4", "hall.map")))
-    assert load_world(scenario.world).name == "hall"
-
-
 def test_files_count_from_the_scenarios_folder_not_from_where_it_is_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
