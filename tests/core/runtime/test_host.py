@@ -153,43 +153,6 @@ def test_each_has_a_token_a_card_and_bids_of_its_own() -> None:
             assert reply.instance == agent.instance
 
 
-def test_an_agent_does_not_receive_its_own_token_but_all_others() -> None:
-    seen: list[tuple[str, str]] = []
-
-    class Greeter(Watcher):
-        def on_appeared(self, name: str, instance: str) -> None:
-            seen.append((self.instance, instance))
-
-    agents = [Greeter(identity("watcher")) for _ in range(2)]
-    host, mesh = on_a_fake(*agents)
-
-    def news() -> None:
-        for agent in agents:
-            mesh.changed(agent.name, agent.instance, True)
-        mesh.changed("goto", "goto-1", True)
-
-    play(host, news)
-    first, second = (agent.instance for agent in agents)
-    assert sorted(seen) == sorted(
-        [(first, second), (second, first), (first, "goto-1"), (second, "goto-1")]
-    )
-
-
-def test_an_agent_that_fails_ends_the_process_and_the_others_release() -> None:
-    class Failing(Watcher):
-        def on_pose(self, pose: Pose) -> None:
-            raise RuntimeError("cannot bear it")
-
-    hand = Hand(identity("hand"))
-    left: list[str] = []
-    hand.kernel.leave = lambda now: left.append("hand")  # type: ignore[method-assign]
-    host, mesh = on_a_fake(Poser(identity("poser")), Failing(identity("watcher")), hand)
-    with pytest.raises(RuntimeError, match="cannot bear it"):
-        play(host, lambda: mesh.receive("robot/state", state(1)))
-    host.leave()
-    assert left == ["hand"]
-
-
 def test_an_agent_that_may_not_join_ends_the_process_with_the_reason() -> None:
     class Only(Agent):
         name = "only"

@@ -19,11 +19,7 @@ from armadico.core.messages import (
     Stop,
 )
 from armadico.core.resources import WHEELS
-from armadico.launch.client import Client
-from armadico.launch.virtual_session import VirtualSession
-from armadico.mesh.virtual import VirtualMesh
 from armadico.mobile.messages import Plan, PlanRequest, Waypoint
-from armadico.runtime.process import AgentHost
 from tests.core.mesh.conftest import Crowd
 
 REQUEST = PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 2, 0.5))
@@ -142,20 +138,3 @@ def test_a_joining_agent_gets_the_tokens_and_the_latched_states(
     assert crowd.until(
         lambda: ("stopping", first.agent.instance) in second.alive and has_stop(second)
     )
-
-
-def test_a_host_of_agents_lives_on_the_virtual_mesh_too() -> None:
-    """Virtual only: live ones are processes (`test_processes`). It moves the clock by waiting."""
-    mesh = VirtualMesh(1)
-    node = mesh.add(Encoder(mesh.identity("encoder")))
-    client = Client(VirtualSession(mesh))
-    toy, second = Toy(mesh.identity("toy")), Encoder(mesh.identity("encoder", 1))
-    host = AgentHost([toy], VirtualSession(mesh, name="toy"), wall=lambda: 0.0)
-    mesh.call_at(2.0, lambda _a, _b: host.request_stop())
-    host.live()
-    assert mesh.now == pytest.approx(2.0)
-    assert host.drivers[0].started
-    assert client.wait_for(lambda: len(client.alive) == 2, 1.0)
-    late = AgentHost([second], VirtualSession(mesh, name="late"), wall=lambda: 0.0)
-    late.live()
-    assert f"another encoder agent is alive already: {node.agent.instance}" in late.refusal
