@@ -196,13 +196,6 @@ def test_a_release_releases_or_has_a_refusal(before: Stop) -> None:
     assert robot.press.done != bool(robot.press.refusal)
 
 
-def test_what_is_not_stopped_needs_no_release() -> None:
-    robot = Robot(Stop(7, False, "a guest", 5), stopped=False)
-    robot.turns(10)
-    assert robot.press.done
-    assert robot.published == []
-
-
 @pytest.mark.parametrize("ahead", [1, 2, 10])
 def test_a_stop_that_was_pressed_meanwhile_is_not_released(ahead: int) -> None:
     robot = Robot(Stop(7, True, "a guest", 5), stopped=False)

@@ -31,14 +31,6 @@ def by_name(options: Options = Options(), scenario: object = SC4) -> dict[str, t
     }
 
 
-def test_each_is_told_what_it_must_know_of_the_scenario() -> None:
-    sets = by_name()
-    assert sets["robot"] == ("port=tcp://127.0.0.1:1", f"profile={SC4.robot}")
-    assert sets["encoder"] == ("x=3.4", "y=0.6", f"theta={pi / 2}")
-    assert sets["path-planning"] == ("world=sc4", f"profile={SC4.robot}")
-    assert sets["sonar"] == ("world=sc4", "namespace=robot1")
-
-
 @pytest.mark.parametrize(
     ("plan", "robot", "told"),
     [
