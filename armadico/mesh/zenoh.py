@@ -171,7 +171,7 @@ class ZenohMesh(Reader, Monotonic):
         self.router = ""  # the id of the router that it is linked to, or is; else empty
         self.joined_at = ""  # the endpoint of the router that it was last linked to
         self._level = logging.INFO if starts else logging.WARNING
-        self._where = where
+        self.where = where  # how it joins, at present
         self._lock = threading.RLock()
         self._reopening = threading.Lock()
         self._session: zenoh.Session | None = None
@@ -210,7 +210,7 @@ class ZenohMesh(Reader, Monotonic):
     @property
     def door(self) -> Door | None:
         """The identity by which it joins; None: the society is open."""
-        return self._where.door
+        return self.where.door
 
     @property
     def hung(self) -> str:
@@ -220,7 +220,7 @@ class ZenohMesh(Reader, Monotonic):
     @property
     def missing(self) -> str:
         """Why the mesh has not been joined, and what to do: for people."""
-        own = [str(self._socket())] if self._where.socket else []
+        own = [str(self._socket())] if self.where.socket else []
         if why := self._refusals.why(self.hung):
             return why
         if self.hung:
@@ -234,7 +234,7 @@ class ZenohMesh(Reader, Monotonic):
                 f"the socket {own[0]} was deleted while a robot agent listens on it: end its"
                 " society (`armadico down`, or Ctrl-C where it was started) and start it again"
             )
-        places = " or ".join([*own, *self._where.connect])
+        places = " or ".join([*own, *self.where.connect])
         found = sockets.elsewhere(self.namespace) if own else {}
         also = f". {sockets.shown(found)}" if found else ""
         return f"no robot agent at {places}; start one with `armadico up`{also}"
@@ -246,7 +246,7 @@ class ZenohMesh(Reader, Monotonic):
         machine's. Raises TopologyError if the socket cannot be created.
         """
         atexit.register(self._end)
-        if self._where.router:
+        if self.where.router:
             self._listen()
             try:
                 self._keep_door()
@@ -256,15 +256,10 @@ class ZenohMesh(Reader, Monotonic):
             return
         self._keep_door()
         self._opened = True
-        if self._where.socket:
+        if self.where.socket:
             self._socket()  # raises its errors here, not in the thread
         self._start_seeking()
         self._tried.wait(TRY_S)  # limited, as a hanging router accepts a connection and no more
-
-    @property
-    def where(self) -> Topology:
-        """How it joins, at present."""
-        return self._where
 
     def wait_joined(self, timeout: float) -> bool:
         return self._joined.wait(timeout)
@@ -277,9 +272,9 @@ class ZenohMesh(Reader, Monotonic):
         path = self._socket()
         if path.is_dir():
             raise MeshError(f"{path} is a folder, and the socket would be there: remove it")
-        listen = self._endpoints(self._where)
+        listen = self._endpoints(self.where)
         try:
-            session = zenoh.open(self._config(self._where, listen))
+            session = zenoh.open(self._config(self.where, listen))
         except zenoh.ZError as error:
             if (there := sockets.holder(path)) is not None:
                 raise MeshError(
@@ -287,10 +282,10 @@ class ZenohMesh(Reader, Monotonic):
                     f" already ({path}): `armadico down` ends it, --namespace names another"
                 ) from None
             raise MeshError(f"cannot listen on {', '.join(listen)}: {reason(error)}") from None
-        door = self._where.door
+        door = self.where.door
         sockets.note_keys(self.namespace, "" if door is None else door.folder)
         self._begin(session)
-        self._peers = PeerLinks(self, self._where.peers, self._where.door)
+        self._peers = PeerLinks(self, self.where.peers, self.where.door)
 
     def _endpoints(self, where: Topology) -> tuple[str, ...]:
         """The endpoints of a router's session. Its door listens on those over TLS."""
@@ -298,7 +293,7 @@ class ZenohMesh(Reader, Monotonic):
         return (sockets.endpoint(self._socket()), *own)
 
     def _keep_door(self) -> None:
-        door = self._where.door
+        door = self.where.door
         if door is not None and not door.is_foreign:
             self._stop_keeping = door.keep(self)
 
@@ -310,7 +305,7 @@ class ZenohMesh(Reader, Monotonic):
         the new settings cannot be used: the session continues, or was opened again with the old
         ones.
         """
-        assert self._where.router, "a client joins anew by itself"
+        assert self.where.router, "a client joins anew by itself"
         listen = self._endpoints(where)
         with self._reopening:
             try:
@@ -330,15 +325,15 @@ class ZenohMesh(Reader, Monotonic):
             except zenoh.ZError as error:
                 self._begin(self._opened_again())
                 raise MeshError(f"these settings cannot be used: {reason(error)}") from None
-            self._where = where
+            self.where = where
             self._begin(new)
 
     def _opened_again(self) -> zenoh.Session:
         """Return a session of the router with its present settings, which worked before."""
-        listen = self._endpoints(self._where)
+        listen = self._endpoints(self.where)
         while True:
             try:
-                return zenoh.open(self._config(self._where, listen))
+                return zenoh.open(self._config(self.where, listen))
             except zenoh.ZError as error:  # a client's port may be the router's for a moment
                 logger.error("the router cannot listen: %s; trying again", reason(error))
                 if self._left.wait(AGAIN_S):
@@ -358,7 +353,7 @@ class ZenohMesh(Reader, Monotonic):
         while not (self._left.is_set() or self._seek_once()):
             self._tried.set()
             tries += 1
-            is_quick = self._where.socket and tries <= QUICK
+            is_quick = self.where.socket and tries <= QUICK
             self._left.wait(QUICK_S if is_quick else self._refusals.pause)
         self._tried.set()
         warning.cancel()
@@ -370,10 +365,10 @@ class ZenohMesh(Reader, Monotonic):
 
     def _seek_once(self) -> bool:
         """Join a router that is there now; return whether there was one."""
-        path = self._socket() if self._where.socket else None
+        path = self._socket() if self.where.socket else None
         if path is not None and sockets.holder(path) is not None:
             return self._join(sockets.endpoint(path), str(path))
-        connect = self._where.connect
+        connect = self.where.connect
         answering = [there for there in connect if self._refusals.answers(there, PROBE_S)]
         if not answering:
             self._joining = ""
@@ -383,14 +378,14 @@ class ZenohMesh(Reader, Monotonic):
         """Join by the router at an endpoint, `shown` for people; return whether it succeeded."""
         self._joining = shown
         try:
-            session = zenoh.open(self._config(self._where, connect=(there,)))
+            session = zenoh.open(self._config(self.where, connect=(there,)))
         except (zenoh.ZError, OSError) as error:  # OSError: a file of the door cannot be read
             logger.debug("%s: %s", there, error)
             self._refusals.failed(there)
             return False
         self._joining, self.joined_at = "", there
         self._refusals.joined()
-        if len(self._where.connect) > 1 and not self._leads_to_robot(session):
+        if len(self.where.connect) > 1 and not self._leads_to_robot(session):
             _close(session)
             return False
         self._begin(session)
@@ -423,7 +418,7 @@ class ZenohMesh(Reader, Monotonic):
         self._opened, self._session = True, session
         linked = _direct(lambda event: self._linked(session, event))
         self._keep(session.info.declare_link_events_listener(linked, history=True))
-        if self._where.router:
+        if self.where.router:
             self.router = str(session.info.zid())
             key = ROUTER.format(id=self.router)
             self._declared.tokens[key] = session.liveliness().declare_token(self._rooted(key))
@@ -506,7 +501,7 @@ class ZenohMesh(Reader, Monotonic):
         wait for Zenoh's own thread, which may wait for a lock of that thread.
         """
         declared, self._declared = self._declared, Declared()
-        if self._where.router:
+        if self.where.router:
             _keep(session)
 
         def end() -> None:
@@ -620,8 +615,8 @@ class ZenohMesh(Reader, Monotonic):
 
     def _note_forbidden(self, does: str, key: str) -> None:
         """Log once that the router drops a kind of message: nothing else tells its sender."""
-        door = self._where.door
-        if door is None or door.is_foreign or self._where.router or (does, key) in self._noted:
+        door = self.where.door
+        if door is None or door.is_foreign or self.where.router or (does, key) in self._noted:
             return
         if len(self._noted) < NOTED:
             self._noted.add((does, key))
@@ -698,7 +693,7 @@ class ZenohMesh(Reader, Monotonic):
 
     def _linked(self, session: zenoh.Session, event: zenoh.LinkEvent) -> None:
         there = event.kind == zenoh.SampleKind.PUT
-        if not self._where.router:
+        if not self.where.router:
             with self._lock:  # before the tokens of the link are processed
                 if self._session is session:
                     if there:
