@@ -552,9 +552,10 @@ def mission(scenario: Scenario) -> MissionRequest | None:
     """The request to the interface agent, or None without a goal."""
     if scenario.goal is None:
         return None
+    waypoints = scenario.waypoints if scenario.plan == "waypoints" else ()
     return MissionRequest(
-        goal=_waypoint(scenario.goal),
-        waypoints=tuple(map(_waypoint, scenario.waypoints)) if scenario.plan == "waypoints" else (),
+        goal=Waypoint(*scenario.goal),
+        waypoints=tuple(Waypoint(*each) for each in waypoints),
         planned=planned(scenario),
         by="armadico run",
     )
@@ -612,7 +613,3 @@ def time_limit(length: float, options: Options, tasks: Mission | None = None) ->
     if options.limit is None and tasks is not None:
         return MISSION_S if tasks.timeout_s is None else tasks.timeout_s + LIMIT_LEAST
     return options.limit or max(LIMIT_FACTOR * length / LIMIT_SPEED, LIMIT_LEAST)
-
-
-def _waypoint(pose: tuple[float, float, float]) -> Waypoint:
-    return Waypoint(*pose)

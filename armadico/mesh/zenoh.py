@@ -179,7 +179,7 @@ class ZenohMesh(Reader, Monotonic):
         self._opened = False
         self._joined = threading.Event()
         self._tried = threading.Event()  # after the first attempt to join
-        self._joining = ""  # the router that is being joined, which may hang
+        self.hung = ""  # the router that accepted a connection and has not answered yet
         self._refusals = Refusals(namespace, where)
         self._left = threading.Event()
         self._seeking: threading.Thread | None = None
@@ -211,11 +211,6 @@ class ZenohMesh(Reader, Monotonic):
     def door(self) -> Door | None:
         """The identity by which it joins; None: the society is open."""
         return self.where.door
-
-    @property
-    def hung(self) -> str:
-        """The router that accepted a connection and has not answered yet; "" if none."""
-        return self._joining
 
     @property
     def missing(self) -> str:
@@ -371,19 +366,19 @@ class ZenohMesh(Reader, Monotonic):
         connect = self.where.connect
         answering = [there for there in connect if self._refusals.answers(there, PROBE_S)]
         if not answering:
-            self._joining = ""
+            self.hung = ""
         return any(self._join(there, there) for there in answering)
 
     def _join(self, there: str, shown: str) -> bool:
         """Join by the router at an endpoint, `shown` for people; return whether it succeeded."""
-        self._joining = shown
+        self.hung = shown
         try:
             session = zenoh.open(self._config(self.where, connect=(there,)))
         except (zenoh.ZError, OSError) as error:  # OSError: a file of the door cannot be read
             logger.debug("%s: %s", there, error)
             self._refusals.failed(there)
             return False
-        self._joining, self.joined_at = "", there
+        self.hung, self.joined_at = "", there
         self._refusals.joined()
         if len(self.where.connect) > 1 and not self._leads_to_robot(session):
             _close(session)
