@@ -30,15 +30,10 @@ def call(
     within: float = SOON,
     **options: Any,
 ) -> Done:
-    """Run one to its end."""
+    """Run one of ours, or another one by its path, to its end."""
+    usual = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | options
     return subprocess.run(
-        [str(BIN / program), *words],
-        capture_output=True,
-        text=True,
-        timeout=within,
-        check=False,
-        env=env,
-        **options,
+        [str(BIN / program), *words], text=True, timeout=within, check=False, env=env, **usual
     )
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import fcntl
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from tempfile import TemporaryDirectory, mkdtemp
 
 _of_the_session: list[str] = []
@@ -21,3 +23,11 @@ def session_folder() -> Iterator[str]:
 def fresh_folder() -> str:
     """Another one, which nobody else has; it goes with the session."""
     return mkdtemp(dir=_of_the_session[-1])
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[Path]:
+    """Lock a file of a running router or share."""
+    with path.open("a") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield path

@@ -208,10 +208,10 @@ def router(namespace: str) -> Iterator[Finding]:
         yield _fine("socket", f"{path}: no router of {namespace!r} on this machine")
         return
     try:
-        words = called(psutil.Process(there.pid).cmdline())
+        words = called(psutil.Process(there).cmdline())
     except psutil.Error:
         words = "a process"
-    yield _fine("socket", f"{path} is {words}'s (pid {there.pid})")
+    yield _fine("socket", f"{path} is {words}'s (pid {there})")
 
 
 def port() -> Iterator[Finding]:

@@ -108,10 +108,9 @@ def _end_orphans(namespace: str) -> list[str]:
 
 def _end_share(share: Share) -> None:
     """End a share. Raises FailedError if that is not permitted or times out."""
-    from armadico.launch.pidfile import PidFile
-    from armadico.mesh.sockets import is_held
+    from armadico.mesh.sockets import is_held, share_of
 
-    path = PidFile(share.namespace, share.host).path
+    path = share_of(share.namespace, share.host)
     try:
         with suppress(ProcessLookupError):
             os.kill(share.pid, signal.SIGTERM)

@@ -27,8 +27,6 @@ from armadico.observe.findings import Finding, those
 
 if TYPE_CHECKING:
     from armadico.launch.client import Client, Mission
-    from armadico.mesh.zenoh import ZenohMesh
-    from armadico.observe.findings import Demand
 
 STARTS_S: Final = 20.0
 """How long to wait for a society that is still starting."""
@@ -115,20 +113,22 @@ class Options:
 def run(args: Options) -> int:
     from armadico.launch.client import Client
     from armadico.mobile.messages import through_unseen
+    from armadico.observe.watching import Observer
     from armadico.runtime.errors import AbsentError
 
     to = goal(args)
     mission = None
     try:
         with args.mesh.joined(JOINS_S) as mesh, ExitStack() as stack:
-            client, reason = Client(mesh), Reason(mesh, args.mesh.demand())
+            client, observer = Client(mesh), Observer(mesh, args.mesh.demand())
             mission = _sent(client, args, to)
             if through := through_unseen(mission.unseen):
                 print(f"{through}: driven at the speed of sight", flush=True)
             show = _shower(stack, mission.length)
 
             def progress(going: Mission) -> None:
-                show(going.to_go or 0.0, _remark(going, client, reason.now()))
+                observer.take()
+                show(going.to_go or 0.0, _remark(going, client, remark(observer.findings)))
 
             if not mission.wait(args.timeout, progress):
                 end = _unreached(mission.failed, args.timeout)
@@ -165,22 +165,11 @@ def goal(args: Options) -> Goal:
         raise UsageError(str(error)) from None
 
 
-class Reason:
-    """Why the robot stands still and what else is wrong, by the diagnosis of all commands."""
-
-    def __init__(self, mesh: ZenohMesh, demand: Demand) -> None:
-        from armadico.observe.watching import Observer
-
-        self._observer = Observer(mesh, demand)
-
-    def now(self) -> str:
-        """The first finding that is wrong, with its cure; "" if none is."""
-        self._observer.take()
-        return remark(self._observer.findings)
-
-
 def remark(findings: Sequence[Finding]) -> str:
-    """What is wrong: the first finding, which the others may follow from, and their number."""
+    """Why it stands still, or what else is wrong: the first finding, which others may follow from.
+
+    With the number of the others; "" if nothing is wrong.
+    """
     wrong = those(findings, Answer.NO)
     if not wrong:
         return ""

@@ -380,11 +380,21 @@ def apart(path: Path) -> Path:
     return path.with_stem(f"{path.stem}-apart")
 
 
-def end_as_by_ctrl_c() -> None:
-    """Let SIGTERM and SIGHUP act as Ctrl-C, which ends everything that was started."""
+def end_as_by_ctrl_c() -> list[int]:
+    """Let SIGTERM and SIGHUP act as Ctrl-C, which ends everything that was started.
+
+    Returns the list to which each of these signals is added when it comes.
+    """
+    received: list[int] = []
+
+    def interrupt(number: int, _frame: object) -> None:
+        received.append(number)
+        raise KeyboardInterrupt
+
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is signal.SIG_DFL:  # nohup ignores SIGHUP
-            signal.signal(number, signal.default_int_handler)
+            signal.signal(number, interrupt)
+    return received
 
 
 def report(text: str) -> None:

@@ -24,8 +24,6 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import MISSING, Field, fields, replace
 from functools import partial
-from importlib.metadata import PackageNotFoundError
-from importlib.metadata import version as installed
 from pathlib import Path
 from types import UnionType
 from typing import (
@@ -66,6 +64,7 @@ from armadico.config.declared import (
     several,
 )
 from armadico.core.errors import nearest
+from armadico.core.installed import version_of
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -173,10 +172,7 @@ class Command(Generic[T]):
 
 def version() -> str:
     """The installed version."""
-    try:
-        return installed("armadico")
-    except PackageNotFoundError:
-        return "unknown"
+    return version_of("armadico")
 
 
 def parser(program: str, description: str, examples: str) -> ArgumentParser:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from armadico.config.profile import RobotProfile
     from armadico.config.scenarios import Battery, Scenario
     from armadico.mesh.zenoh import ZenohMesh
+    from armadico.mobile.geometry import Pose2
 
 PRINTED: Final = Must(
     lambda name: 0 < len(name) <= 128 and name.isprintable(), "expected 1 to 128 printed characters"
@@ -212,7 +213,6 @@ def _remark(mesh: ZenohMesh) -> None:
 
 def _scenario(args: Options) -> Scenario:
     """The scenario of the options. Raises UsageError or ConfigError."""
-    from armadico.bridge.simulator.microcontroller import WORLD_M
     from armadico.config.profile import load_profile
     from armadico.config.scenarios import Scenario
     from armadico.config.worlds import doubts, load_world
@@ -221,18 +221,13 @@ def _scenario(args: Options) -> Scenario:
     for doubt in doubts(args.world):
         options.report(doubt)
     start = world.start or (0.0, 0.0, 0.0)
-    x, y, heading = args.start or (*start[:2], 0.0)
-    if not (abs(x) <= WORLD_M and abs(y) <= WORLD_M and abs(heading) <= 360.0):  # NaN is not
-        raise options.UsageError(
-            f"--start {x:g} {y:g} {heading:g}: expected m and m within {WORLD_M:g} m, and -360 to"
-            " 360 degrees"
-        )
     if args.start is not None:
-        start = (x, y, math.radians(heading))
+        words = "--start {:g} {:g} {:g}".format(*args.start)
+        start = _pose(args.start, words, "and -360 to 360 degrees")
     moving = _moving(args.moving)
     radius = load_profile(args.robot).body.circle_m
     for each in moving:
-        for _, fault in each.faults(world, (x, y), radius):
+        for _, fault in each.faults(world, start[:2], radius):
             raise options.UsageError(f"--moving: {fault}")
     return Scenario(
         world=args.world,
@@ -246,22 +241,23 @@ def _scenario(args: Options) -> Scenario:
     )
 
 
-def _others(args: Options) -> tuple[tuple[float, float, float], ...]:
-    """The start poses of the other robots. Raises UsageError."""
+def _pose(numbers: Sequence[str | float], given: str, expected: str) -> Pose2:
+    """A start pose, given as m, m, degrees. Raises UsageError."""
     from armadico.bridge.simulator.microcontroller import WORLD_M
 
-    found = []
-    for namespace, *numbers in args.also:
-        try:
-            x, y, heading = map(float, numbers)
-        except ValueError:
-            x = math.inf
-        if not (abs(x) <= WORLD_M and abs(y) <= WORLD_M and abs(heading) <= 360.0):  # NaN is not
-            raise options.UsageError(
-                f"--also {namespace} {' '.join(numbers)}: expected m and m within {WORLD_M:g} m,"
-                " and degrees"
-            )
-        found.append((x, y, math.radians(heading)))
+    try:
+        x, y, heading = map(float, numbers)
+    except ValueError:
+        x = math.inf
+    if not (abs(x) <= WORLD_M and abs(y) <= WORLD_M and abs(heading) <= 360.0):  # NaN is not
+        expected = f"expected m and m within {WORLD_M:g} m, {expected}"
+        raise options.UsageError(f"{given}: {expected}")
+    return x, y, math.radians(heading)
+
+
+def _others(args: Options) -> tuple[Pose2, ...]:
+    """The start poses of the other robots. Raises UsageError."""
+    found = [_pose(also[1:], f"--also {' '.join(also)}", "and degrees") for also in args.also]
     names = [args.mesh.namespace, *(also[0] for also in args.also)]
     if len(set(names)) < len(names):
         raise options.UsageError(f"--also: two robots in one namespace: {', '.join(names)}")

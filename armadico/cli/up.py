@@ -7,8 +7,8 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -40,11 +40,10 @@ from armadico.mesh.door import launcher
 from armadico.mobile.geometry import Pose2
 
 if TYPE_CHECKING:
-    from types import FrameType
-
     from armadico.config.hosts import Host
     from armadico.config.scenarios import Scenario
     from armadico.core.restart_policy import Budget
+    from armadico.launch.pidfile import Share
     from armadico.launch.supervisor import Plan
 
 EXAMPLES: Final = """\
@@ -113,16 +112,16 @@ def run(args: Options) -> int:
     where = _place(args.mesh, scenario)
     start = Start(scenario=scenario, mesh=args.mesh, namespaces=(where.namespace,))
     checked(args.additions, start)
-    with _signals() as received:
-        plan = _plan(args, where, scenario)
-        _check_keys(plan, where)
-        budget = Budget(args.restarts, args.within)
-        try:
-            _keep(plan, where, scenario, budget, beside(args.additions, start))
-        except KeyboardInterrupt:
-            if signal.SIGTERM in received:
-                return 0
-            raise
+    received = options.end_as_by_ctrl_c()
+    plan = _plan(args, where, scenario)
+    _check_keys(plan, where)
+    budget = Budget(args.restarts, args.within)
+    try:
+        _keep(plan, where, scenario, budget, beside(args.additions, start))
+    except KeyboardInterrupt:
+        if signal.SIGTERM in received:
+            return 0
+        raise
     return 0
 
 
@@ -403,10 +402,8 @@ def _check_more(args: Options, here: Sequence[str]) -> None:
             raise UsageError(f"--with {name}: this host starts one already")
 
 
-def _taken(namespace: str, host: str, share: object) -> str:
-    from armadico.launch.pidfile import Share
-
-    by = f"process {share.pid}" if isinstance(share, Share) else "another process"
+def _taken(namespace: str, host: str, share: Share | None) -> str:
+    by = "another process" if share is None else f"process {share.pid}"
     return (
         f"{host}'s share of namespace {namespace!r} is up already, by {by};"
         " end it with `armadico down`, or use another --namespace for another robot"
@@ -431,21 +428,6 @@ def _notify(text: str) -> None:
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as line:
             line.connect("\0" + where[1:] if where.startswith("@") else where)
             line.send(text.encode())
-
-
-@contextmanager
-def _signals() -> Iterator[list[int]]:
-    """Raise KeyboardInterrupt on SIGTERM and SIGHUP. Yields the list of received signals."""
-    received: list[int] = []
-
-    def interrupt(number: int, _cycle: FrameType | None) -> None:
-        received.append(number)
-        raise KeyboardInterrupt
-
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) is signal.SIG_DFL:  # under nohup SIGHUP is ignored
-            signal.signal(number, interrupt)
-    yield received
 
 
 def _log(text: str) -> None:

@@ -126,9 +126,9 @@ def flag(help: str | None, *flags: str, **how: Any) -> bool:  # noqa: A002
     return option(help, *flags, default=False, **how)
 
 
-def several(help: str, *flags: str, default: tuple[T, ...] = (), **how: Any) -> tuple[T, ...]:  # noqa: A002
+def several(help: str, *flags: str, **how: Any) -> tuple[T, ...]:  # noqa: A002
     """A field that is an option which may be repeated."""
-    return option(help, *flags, default=default, **how)
+    return option(help, *flags, default=(), **how)
 
 
 def argument(

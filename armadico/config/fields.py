@@ -20,20 +20,15 @@ def unknown_field(data: object, value: object) -> Path | None:
 
 def known_fields(kind: type, path: Sequence[str | int]) -> list[str]:
     """The keys of the struct at a path within `kind`."""
-    node = _shape(kind)
-    for step in path:
-        node = _below(node, step)
-    struct = _struct(node)
+    structs = (o for o in _options(kind, path) if isinstance(o, inspect.StructType))
+    struct = next(structs, None)
     return [field.encode_name for field in struct.fields] if struct else []
 
 
 def choices(kind: type, path: Sequence[str | int]) -> list[str]:
     """The values of the `Literal` or `Enum` field at a path within `kind`."""
-    node = _shape(kind)
-    for step in path:
-        node = _below(node, step)
     found: list[object] = []
-    for option in _options(node):
+    for option in _options(kind, path):
         if isinstance(option, inspect.LiteralType):
             found += option.values
         elif isinstance(option, inspect.EnumType):
@@ -67,7 +62,7 @@ def _unknown(data: object, value: object, path: Path) -> Iterator[Path]:
 def _below(node: inspect.Type, step: str | int) -> inspect.Type:
     """The type one step further down; AnyType if none is declared."""
     below: inspect.Type = inspect.AnyType()
-    for option in _options(node):
+    for option in _alternatives(node):
         if isinstance(option, inspect.StructType):
             found = [field.type for field in option.fields if field.encode_name == step]
             below = found[0] if found else below
@@ -78,10 +73,14 @@ def _below(node: inspect.Type, step: str | int) -> inspect.Type:
     return below
 
 
-def _struct(node: inspect.Type) -> inspect.StructType | None:
-    return next((o for o in _options(node) if isinstance(o, inspect.StructType)), None)
+def _options(kind: type, path: Sequence[str | int]) -> tuple[inspect.Type, ...]:
+    """The types that the value at a path within `kind` may have."""
+    node = _shape(kind)
+    for step in path:
+        node = _below(node, step)
+    return _alternatives(node)
 
 
-def _options(node: inspect.Type) -> tuple[inspect.Type, ...]:
+def _alternatives(node: inspect.Type) -> tuple[inspect.Type, ...]:
     node = node.type if isinstance(node, inspect.Metadata) else node
     return node.types if isinstance(node, inspect.UnionType) else (node,)

@@ -18,7 +18,6 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from armadico.config.map_lock import held
 from armadico.config.mapwriter import format_map
 from armadico.config.occupancy import (
     MAX_WALLS,
@@ -28,7 +27,7 @@ from armadico.config.occupancy import (
     world_of,
 )
 from armadico.config.worlds import Segment, World
-from armadico.config.writing import write_files, written_first
+from armadico.config.writing import held, write_files, written_first
 from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import MAPPERS, find
 from armadico.mobile.messages import Echo, OccupancyGrid, Pose, Scan

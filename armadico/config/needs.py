@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from functools import cache
-from pathlib import Path
 from typing import Final
 
-from armadico.config.lines import line_of
-from armadico.config.loading import document, parse_entries, read_text
+from armadico.config.loading import load_table
 from armadico.config.scenarios import Scenario, mission_of, planned, society
 from armadico.config.shipped import folder
 from armadico.config.slots import Need, needs_of_slots
@@ -22,40 +20,23 @@ DIRECT: Final = "direct"
 
 
 @cache
-def table(file: Path | None = None) -> dict[str, Need]:
-    """The needs by kind of task: shipped ones with those of slots, or a file's.
-
-    Raises ConfigError.
-    """
-    path = file or folder("") / TABLE
-    text = read_text(path)
-    found = parse_entries(document(text, path), Need, path, text)
-    if file is None:
-        found |= needs_of_slots(found)
-    for kind, need in found.items():
-        for index, other in enumerate(need.like):
-            if other not in found:
-                line = line_of(text, (kind, "like", index))
-                error = ConfigNameError("task", other, found)
-                raise error.at(path, line, f"{kind}.like[{index}]: ")
-    return found
+def table() -> dict[str, Need]:
+    """The needs by kind of task: the shipped ones with those of slots."""
+    found = load_table(folder("") / TABLE, Need)
+    return found | needs_of_slots(found)
 
 
-def needs(tasks: Iterable[str], file: Path | None = None) -> tuple[str, ...]:
+def needs(tasks: Iterable[str], *, helps: bool = False) -> tuple[str, ...]:
     """The agents that tasks of these kinds need, the robot agent first, each once.
 
-    Raises ConfigNameError for a kind that the table does not have.
+    `helps`: with the optional agents, which is the least society for these tasks. Raises
+    ConfigNameError for a kind that the table does not have.
     """
-    return tuple(dict.fromkeys((society().robot, *_agents(tasks, file, helps=False))))
+    return tuple(dict.fromkeys((society().robot, *_agents(tasks, helps=helps))))
 
 
-def minimum(tasks: Iterable[str], file: Path | None = None) -> tuple[str, ...]:
-    """The same with the optional agents: the least society for tasks of these kinds."""
-    return tuple(dict.fromkeys((society().robot, *_agents(tasks, file, helps=True))))
-
-
-def _agents(tasks: Iterable[str], file: Path | None, *, helps: bool) -> Iterator[str]:
-    known = table(file)
+def _agents(tasks: Iterable[str], *, helps: bool) -> Iterator[str]:
+    known = table()
     for task in tasks:
         if task not in known:
             raise ConfigNameError("task", task, known)

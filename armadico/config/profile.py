@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from math import radians
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Final, Literal, Protocol
+from typing import Annotated, Any, ClassVar, Final, Literal
 
 from msgspec import Meta, Struct
 
@@ -373,14 +373,6 @@ class ModelledRobot(RobotProfile, frozen=True, forbid_unknown_fields=True, kw_on
                 raise ValueError(f"a robot with [{self.section}] must not have [{table}]")
 
 
-class _Kind(Protocol):
-    """An entry point in `armadico.robots`, as far as it is used here (`armadico.bridge.kind`)."""
-
-    @property
-    def profile(self) -> type[RobotProfile]:
-        """The class of its profiles."""
-
-
 def load_profile(name_or_path: str | Path) -> RobotProfile:
     """A shipped profile by its name, or a TOML file. Raises ConfigError."""
     path = find("robots", name_or_path)
@@ -390,7 +382,7 @@ def load_profile(name_or_path: str | Path) -> RobotProfile:
 def load_kind(section: str) -> Any:
     """The kind of robot of a section. Raises UnknownNameError or ImportError."""
     found = discovery.find(ROBOTS, section)
-    kind: _Kind = found.load()
+    kind: Any = found.load()
     profile: object = getattr(kind, "profile", None)
     if not (isinstance(profile, type) and issubclass(profile, RobotProfile)):
         raise found.unusable("must have a `profile`, a class derived from RobotProfile")
@@ -410,10 +402,10 @@ def _read(text: str, path: Path) -> RobotProfile:
         what = f"[[{sections[0]}]] is an array of tables; expected one table [{sections[0]}]"
         raise ConfigError(what, path, line_of(text, sections))
     try:
-        kind: _Kind = load_kind(sections[0])
+        kind: type[RobotProfile] = load_kind(sections[0]).profile
     except ImportError as error:
         raise ConfigError(str(error), path, line_of(text, sections)) from error
-    return convert(table, kind.profile, path, text)
+    return convert(table, kind, path, text)
 
 
 def _of_no_kind(

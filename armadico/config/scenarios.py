@@ -390,22 +390,21 @@ def _goal(world: World, name: str) -> ScenarioPose:
     return world.goals[name]
 
 
-def _unfound_mission(scenario: Scenario) -> Iterator[Fault]:
+def _unfound(kind: str, name: str | None) -> Iterator[Fault]:
+    """The fault of a named robot or mission that is not there."""
     try:
-        if scenario.mission is not None:
-            find("missions", scenario.mission)
+        if name is not None:
+            find(f"{kind}s", name)
     except ConfigError as error:
-        yield ("mission",), error
+        yield (kind,), error
 
 
 def _faults(scenario: Scenario, world: World) -> Iterator[Fault]:
     """The faults of a scenario in its world."""
-    try:
-        profile = find("robots", scenario.robot)
-    except ConfigError as error:
-        yield ("robot",), error
+    if unfound := [*_unfound("robot", scenario.robot)]:
+        yield from unfound
         return
-    body = load_profile(profile).body
+    body = load_profile(scenario.robot).body
     radius = body.circle_m
     charged = set(slot("missions").besides) & set(scenario.agents)
     for name, dock in world.docks.items() if charged else ():
@@ -424,7 +423,7 @@ def _faults(scenario: Scenario, world: World) -> Iterator[Fault]:
         known_sensors(scenario.sensors)
     except ConfigError as error:
         yield ("sensors",), error
-    yield from _unfound_mission(scenario)
+    yield from _unfound("mission", scenario.mission)
     for agent in scenario.agents:
         if scenario.agents.count(agent) > 1:
             yield ("agents",), f"agent {agent!r} is listed twice; expected once"

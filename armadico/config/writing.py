@@ -1,4 +1,7 @@
-"""Atomic replacement of files: the new ones are on the disk before the old ones are replaced."""
+"""Atomic replacement of files: the new ones are on the disk before the old ones are replaced.
+
+Locks keep other processes from reading or replacing them meanwhile.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,8 @@ from errno import EACCES, EINVAL, EISDIR
 from os import strerror
 from pathlib import Path
 from shutil import copymode
+
+from armadico.core.config_errors import ConfigError
 
 
 def write_files(files: Mapping[Path, bytes]) -> None:
@@ -45,6 +50,31 @@ def locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(opened)
+
+
+@contextmanager
+def held(path: Path, *, alone: bool) -> Iterator[None]:
+    """Hold a map while it is read or written, several at a time, or alone.
+
+    A file that is not there is free.
+    The lock is of the file as it is now, and is gone with the process. File systems without locks
+    are not protected. Raises ConfigError if another process holds the map.
+    """
+    try:
+        file = path.open("rb")
+    except OSError:  # the one who reads or writes it reports that
+        yield
+        return
+    with file:
+        try:
+            fcntl.flock(file, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
+        except BlockingIOError:
+            doing = "uses" if alone else "writes"
+            why = f"another process {doing} this map: wait until it ends, or name another file"
+            raise ConfigError(why, path) from None
+        except OSError:  # no locks there
+            pass
+        yield
 
 
 def _sync(path: Path) -> None:

@@ -9,7 +9,14 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from functools import cache
-from importlib.metadata import Distribution, EntryPoint, EntryPoints, entry_points
+from importlib.metadata import (
+    Distribution,
+    EntryPoint,
+    EntryPoints,
+    PackageNotFoundError,
+    entry_points,
+    version,
+)
 from inspect import Parameter, isfunction, signature
 from typing import Any, Final
 
@@ -52,6 +59,14 @@ def package(point: EntryPoint) -> str:
 @cache  # `name` parses all metadata, 0.5 ms for each entry point
 def _name(distribution: Distribution) -> str:
     return str(distribution.name)
+
+
+def version_of(name: str) -> str:
+    """The version of an installed distribution; "unknown" if it is not installed."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "unknown"
 
 
 @cache

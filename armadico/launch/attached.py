@@ -46,10 +46,10 @@ class AttachedRun(LiveRun):
     mode = ATTACHED
     come_s: float = COME_S
 
-    def __init__(self, scenario: Scenario, options: Options, mesh: Mesh, **more: float) -> None:
+    def __init__(self, scenario: Scenario, options: Options, mesh: Mesh) -> None:
         """A mission needs only the agents that `armadico up MISSION` starts."""
         taking = scenario if scenario.mission is None else least(scenario)
-        super().__init__(taking, options, mesh, **more)
+        super().__init__(taking, options, mesh)
         self.watch.contention = Contention()
 
     def __exit__(

@@ -236,7 +236,14 @@ class Client:
         It gets None if no reply arrives within `timeout` (s). Raises as `query`.
         """
         key, reply = self._addressed(request)
-        self._put_first(key, request, reply, timeout, then)
+        answered: list[bool] = []
+
+        def end(message: Message | None) -> None:
+            if not answered:
+                answered.append(True)
+                then(message)
+
+        self._put(key, request, reply, timeout, lambda _, found: end(found), lambda: end(None))
 
     # The robot ------------------------------------------------------------------------------------
 
@@ -373,13 +380,6 @@ class Client:
         """Return the card of one agent; None without a reply within `timeout` (s)."""
         key = CARD.key_for(name=name, instance=instance)
         return _own(self._query(key, Ask(), Card, timeout).get(key), instance)
-
-    def query_card(
-        self, name: str, instance: str, timeout: float, then: Callable[[Card | None], None]
-    ) -> None:
-        """Query the card of one agent; a later wait calls `then` with the card or None."""
-        key = CARD.key_for(name=name, instance=instance)
-        self._put_first(key, Ask(), Card, timeout, lambda card: then(_own(card, instance)))
 
     # Parameters -----------------------------------------------------------------------------------
 
@@ -572,24 +572,6 @@ class Client:
         if service.reply is None:
             raise TypeError(f"{service.key} is not a query")
         return asked_on(self.mesh, request), service.reply
-
-    def _put_first(
-        self,
-        key: str,
-        request: Message,
-        reply: type[M],
-        timeout: float,
-        then: Callable[[M | None], None],
-    ) -> None:
-        """Send a query; a wait calls `then` once, with the first reply or None."""
-        answered: list[bool] = []
-
-        def end(message: M | None) -> None:
-            if not answered:
-                answered.append(True)
-                then(message)
-
-        self._put(key, request, reply, timeout, lambda _, found: end(found), lambda: end(None))
 
     def _query(
         self, key: str, request: Message, reply: type[M], timeout: float, of: Iterable[str] = ()

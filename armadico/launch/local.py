@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from armadico.config.scenarios import Scenario
 from armadico.core.restart_policy import MISUSED
 from armadico.launch.processes import SIMULATOR, START_S, Process, ProcessTable, ending, logs_folder
-from armadico.launch.run import IDLE_S, SILENT_S, LiveRun
+from armadico.launch.run import LiveRun
 from armadico.launch.society import Member, Options, members, processes
 from armadico.mobile.messages import MissionStatus
 from armadico.observe.measures import UNDER_WAY, Phase, Result, RunWatch
@@ -51,18 +51,16 @@ class Launcher(LiveRun):
         mesh: Mesh,
         namespace: str,
         *,
-        silent_s: float = SILENT_S,
-        idle_s: float = IDLE_S,
         joining: Sequence[str] = (),
         tied: bool = False,
         logs: Path | None = None,
     ) -> None:
-        """`scenario` to `idle_s` are as in `LiveRun`, the others as in `ProcessTable`.
+        """`scenario`, `options` and `mesh` are as in `LiveRun`, others as in `ProcessTable`.
 
         `logs` is a folder shared with other robots; None: its own.
         """
         options = replace(options, namespace=namespace)
-        super().__init__(scenario, options, mesh, silent_s=silent_s, idle_s=idle_s)
+        super().__init__(scenario, options, mesh)
         self.members: tuple[Member, ...] = ()  # the agents that were started
         # Their processes, with the simulator's.
         self.table = ProcessTable(

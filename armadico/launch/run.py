@@ -249,19 +249,8 @@ class LiveRun(RobotRun):
     mode = LIVE
     again_s = LINKS_S
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        options: Options,
-        mesh: Mesh,
-        *,
-        silent_s: float = SILENT_S,
-        idle_s: float = IDLE_S,
-    ) -> None:
-        """`silent_s` and `idle_s` are timeouts as `SILENT_S` and `IDLE_S`."""
+    def __init__(self, scenario: Scenario, options: Options, mesh: Mesh) -> None:
         super().__init__(scenario, options, Client(mesh))
-        self._silent_s = silent_s
-        self._idle_s = idle_s
         self._strangers: set[str] = set()
         self.client.listen(*watched(), then=self.watch.update)
         self._unfit = ""
@@ -292,8 +281,8 @@ class LiveRun(RobotRun):
                     f" {self.client.mesh.namespace!r}: {name or 'of an older version'}; it is"
                     f" ignored{self._claimed(name)}"
                 )
-        if self.client.age(RobotState) > self._silent_s:
-            silent = f"no message from the robot for {self._silent_s:g} s"
+        if self.client.age(RobotState) > SILENT_S:
+            silent = f"no message from the robot for {SILENT_S:g} s"
             truth = self.watch.truth
             if truth.newest is not None and truth.gap(self.client.mesh.now()):
                 self.watch.lose(f"{silent}, and none from its simulator")
@@ -356,10 +345,10 @@ class LiveRun(RobotRun):
         missing = sorted({*self._missing()} - {name for name, _ in self.client.alive})
         if state is None or state.stop.stopped or not missing:
             return False
-        if min(self.client.age(Claim), elapsed) < self._idle_s:
+        if min(self.client.age(Claim), elapsed) < IDLE_S:
             return False
         why = (
-            f"no agent has claimed the wheels for {self._idle_s:g} s, and {', '.join(missing)}"
+            f"no agent has claimed the wheels for {IDLE_S:g} s, and {', '.join(missing)}"
             f" {'is' if len(missing) == 1 else 'are'} missing"
         )
         self.watch.note = self.watch.note or why

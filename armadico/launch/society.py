@@ -18,7 +18,7 @@ from msgspec.structs import replace
 from armadico.config.errands import Mission
 from armadico.config.hosts import Host, HostTable
 from armadico.config.loading import load_parameters
-from armadico.config.needs import minimum, needs, tasks
+from armadico.config.needs import needs, tasks
 from armadico.config.parameters import load_set
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import (
@@ -375,7 +375,7 @@ def needed(scenario: Scenario | None, options: Options, table: HostTable) -> tup
 def least(scenario: Scenario) -> Scenario:
     """The scenario with only the agents that its tasks need or use."""
     robot, *_ = names(scenario)
-    taking = sensing(_mapped(scenario, minimum(tasks(scenario))[1:]), scenario.robot)
+    taking = sensing(_mapped(scenario, needs(tasks(scenario), helps=True)[1:]), scenario.robot)
     return replace(scenario, agents=(robot, *(name for name in taking if name != robot)))
 
 
@@ -552,9 +552,10 @@ def mission(scenario: Scenario) -> MissionRequest | None:
     """The request to the interface agent, or None without a goal."""
     if scenario.goal is None:
         return None
+    waypoints = scenario.waypoints if scenario.plan == "waypoints" else ()
     return MissionRequest(
-        goal=_waypoint(scenario.goal),
-        waypoints=tuple(map(_waypoint, scenario.waypoints)) if scenario.plan == "waypoints" else (),
+        goal=Waypoint(*scenario.goal),
+        waypoints=tuple(Waypoint(*each) for each in waypoints),
         planned=planned(scenario),
         by="armadico run",
     )
@@ -612,7 +613,3 @@ def time_limit(length: float, options: Options, tasks: Mission | None = None) ->
     if options.limit is None and tasks is not None:
         return MISSION_S if tasks.timeout_s is None else tasks.timeout_s + LIMIT_LEAST
     return options.limit or max(LIMIT_FACTOR * length / LIMIT_SPEED, LIMIT_LEAST)
-
-
-def _waypoint(pose: tuple[float, float, float]) -> Waypoint:
-    return Waypoint(*pose)

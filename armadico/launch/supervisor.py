@@ -133,14 +133,11 @@ class Machine:
 
     def __init__(self) -> None:
         self.orders: queue.SimpleQueue[Order] = queue.SimpleQueue()
-        self._events: queue.SimpleQueue[Event | Load] = queue.SimpleQueue()
-
-    def put_event(self, event: Event | Load) -> None:
-        self._events.put(event)
+        self.events: queue.SimpleQueue[Event | Load] = queue.SimpleQueue()
 
     def read(self, timeout_s: float) -> bytes:
         try:
-            return lines(self._events.get(timeout=timeout_s))
+            return lines(self.events.get(timeout=timeout_s))
         except queue.Empty:
             return b""
 
@@ -261,7 +258,7 @@ class Upkeep:
                 try:
                     self._start(order.label)
                 except OSError as error:  # no memory or process left: as if it had ended at once
-                    self.machine.put_event(Event(order.label, 0, "no start", 1, str(error)))
+                    self.machine.events.put(Event(order.label, 0, "no start", 1, str(error)))
             case Do.KILL if process is not None:
                 process.popen.kill()
             case Do.END if process is not None:
@@ -282,7 +279,7 @@ class Upkeep:
         else:
             process = self.table.start_agents(label, self._members(label))
         self._tails.setdefault(label, Tail(label, process.log))
-        self.machine.put_event(Event(label, process.popen.pid))
+        self.machine.events.put(Event(label, process.popen.pid))
 
     def _members(self, label: str) -> list[Member]:
         """Agents of a process, with the simulator's address and id for those that use them."""
@@ -321,13 +318,13 @@ class Upkeep:
         for process in self.table.take_ended():
             label, code = process.name, process.popen.returncode
             self._well &= self._ending.pop(label, None) is not None
-            self.machine.put_event(Event(label, 0, ending(code), code, process.last_lines()))
+            self.machine.events.put(Event(label, 0, ending(code), code, process.last_lines()))
 
     def _report_load(self) -> None:
         """Report the machine's load to the wakeup agent."""
         if time.monotonic() >= self._load_at:
             self._load_at = time.monotonic() + LOAD_S
-            self.machine.put_event(Load(psutil.getloadavg()[0] / (psutil.cpu_count() or 1)))
+            self.machine.events.put(Load(psutil.getloadavg()[0] / (psutil.cpu_count() or 1)))
 
     def _relay(self) -> None:
         """Pass on warnings and errors from the logs."""

@@ -11,6 +11,7 @@ import ssl
 from typing import Final
 
 from armadico.mesh.door import TLS, Door
+from armadico.mesh.topology import place_of
 
 READ_S: Final = 0.3
 """How long a router's objection to a certificate is waited for: TLS 1.3 sends it afterwards."""
@@ -50,11 +51,7 @@ ALERTS: Final = {
 
 def tls_place(endpoint: str) -> tuple[str, int] | None:
     """Return the address and port of an endpoint over TLS; None for another one."""
-    protocol, _, place = endpoint.partition("#")[0].partition("/")
-    if protocol != "tls":
-        return None
-    address, _, port = place.rpartition(":")
-    return address.strip("[]"), int(port)
+    return place_of(endpoint) if endpoint.startswith("tls/") else None
 
 
 def refusal(endpoint: str, door: Door, within: float, *, waits: bool = False) -> str | None:
@@ -78,12 +75,11 @@ def refusal(endpoint: str, door: Door, within: float, *, waits: bool = False) ->
 
 def speaks_tls(endpoint: str, within: float) -> bool:
     """Return whether a port answers by TLS; any certificate counts. False if none listens."""
-    address, _, port = endpoint.partition("/")[2].partition("#")[0].rpartition(":")
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
     try:
         with (
-            socket.create_connection((address.strip("[]"), int(port)), within) as line,
+            socket.create_connection(place_of(endpoint), within) as line,
             context.wrap_socket(line),
         ):
             return True

@@ -19,24 +19,18 @@ SLICES: Final = 200  # up to 29,999: below the ephemeral ports of Linux (32,768)
 _tried = itertools.count()
 
 
-def free_ports(count: int, address: str = LOOPBACK) -> list[int]:
-    """Return ports that are free now and not ephemeral. Raises OSError if there are too few.
+def free_port(address: str = LOOPBACK) -> int:
+    """Return a port that is free now and not ephemeral. Raises OSError if there is none.
 
     Each process has its own slice of ports, by its id, and cycles through it. So simultaneous
     processes, such as the workers of a test run, find different ports.
     """
-    first, found = FIRST + os.getpid() % SLICES * SLICE, list[int]()
+    first = FIRST + os.getpid() % SLICES * SLICE
     for _ in range(SLICE):
         port = first + next(_tried) % SLICE
         try:
             socket.create_server((address, port)).close()
         except OSError:
             continue
-        found.append(port)
-        if len(found) == count:
-            return found
-    raise OSError(f"{address} has no {count} free ports from {found[0] if found else first} on")
-
-
-def free_port(address: str = LOOPBACK) -> int:
-    return free_ports(1, address)[0]
+        return port
+    raise OSError(f"{address} has no free port from {first} on")

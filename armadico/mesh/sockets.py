@@ -20,7 +20,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from armadico.mesh.topology import TopologyError
+from armadico.mesh.topology import TopologyError, place_of
 
 RUNTIME_VARIABLE: Final = "XDG_RUNTIME_DIR"
 
@@ -51,13 +51,6 @@ _ANSWER_S: Final = 0.3
 
 _SLASH: Final = "%2f"
 _SHORTENED: Final = f"[0-9a-f]{{10}}{_SLASH}[0-9a-f]{{10}}"  # as `_short` makes it
-
-
-class Holder(NamedTuple):
-    """The process that listens on a socket."""
-
-    pid: int
-    uid: int
 
 
 def folder() -> Path:
@@ -112,7 +105,7 @@ def elsewhere(namespace: str) -> dict[Path, int]:
     """
     names = {f"{name}.sock.lock" for name in (stem(namespace), _short(namespace))}
     share, found, own = f"{stem(namespace)}@", dict[Path, int](), _own()
-    for pid in _lockers():
+    for pid in {pid for pid, _ in _lockers()}:
         for path in _open_files(pid):
             is_share = path.name.startswith(share) and path.suffix == ".json"
             if (path.name in names or is_share) and path.parent != own:
@@ -136,13 +129,13 @@ def _own() -> Path | None:
         return None
 
 
-def _lockers() -> set[int]:
-    """Return the processes that have locked a file by flock, as far as is known."""
+def _lockers() -> list[tuple[int, int]]:
+    """Return the pid and the inode of each lock by flock, as far as is known."""
     try:
         rows = [line.split() for line in Path("/proc/locks").read_text().splitlines()]
     except OSError:
-        return set()
-    return {int(row[4]) for row in rows if row[1] == "FLOCK"}
+        return []
+    return [(int(row[4]), int(row[5].rpartition(":")[2])) for row in rows if row[1] == "FLOCK"]
 
 
 def _open_files(pid: int) -> Iterator[Path]:
@@ -282,8 +275,8 @@ def endpoint(path: Path) -> str:
     return f"unixsock-stream/{path}"
 
 
-def holder(path: Path) -> Holder | None:
-    """Return the process that listens on a socket; None if none does."""
+def holder(path: Path) -> int | None:
+    """Return the pid of the process that listens on a socket; None if none does."""
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
             probe.settimeout(_ANSWER_S)
@@ -291,8 +284,8 @@ def holder(path: Path) -> Holder | None:
             peer = probe.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
     except OSError:
         return None
-    pid, uid, _ = struct.unpack("3i", peer)
-    return Holder(pid, uid)
+    pid: int = struct.unpack("3i", peer)[0]
+    return pid
 
 
 def lock_of(path: Path) -> Path:
@@ -325,11 +318,9 @@ def owner(lock: Path) -> int | None:
     """
     try:
         inode = lock.stat().st_ino
-        rows = [line.split() for line in Path("/proc/locks").read_text().splitlines()]
     except OSError:
         return None
-    found = [row for row in rows if row[1] == "FLOCK" and row[5].rpartition(":")[2] == str(inode)]
-    return next((pid for row in found if _has_open(pid := int(row[4]), lock)), None)
+    return next((pid for pid, at in _lockers() if at == inode and _has_open(pid, lock)), None)
 
 
 def _has_open(pid: int, path: Path) -> bool:
@@ -390,7 +381,7 @@ def _signal(pid: int | None) -> int | None:
 def clear(namespace: str) -> None:
     """Remove the files of a robot's router and guard here, unless they belong to a process."""
     path, guard = socket_of(namespace), guard_of(namespace)
-    if not (is_held(lock_of(path)) or holder(path)):
+    if not is_held(lock_of(path)) and holder(path) is None:
         path.unlink(missing_ok=True)
         lock_of(path).unlink(missing_ok=True)
         path.with_suffix(KEYS).unlink(missing_ok=True)
@@ -434,12 +425,10 @@ def answers(endpoint: str, within: float) -> bool:
 
     It is assumed of protocols that are not over TCP.
     """
-    protocol, _, place = endpoint.partition("#")[0].partition("/")
-    address, _, port = place.rpartition(":")
-    if protocol not in ("tcp", "tls", "ws"):
+    if endpoint.partition("/")[0] not in ("tcp", "tls", "ws"):
         return True
     try:
-        socket.create_connection((address.strip("[]"), int(port)), within).close()
+        socket.create_connection(place_of(endpoint), within).close()
     except OSError:
         return False
     return True

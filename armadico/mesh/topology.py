@@ -105,6 +105,13 @@ def rooted(namespace: str, key: str) -> str:
     return f"{namespace}/{key}"
 
 
+def place_of(endpoint: str) -> tuple[str, int]:
+    """Return the address, without brackets, and the port of a valid endpoint that has them."""
+    place = endpoint.partition("#")[0].partition("?")[0].partition("/")[2]
+    address, _, port = place.rpartition(":")
+    return address.strip("[]"), int(port)
+
+
 def checked_endpoints(endpoints: Sequence[str]) -> tuple[str, ...]:
     """Return valid endpoints as a tuple. Raises TopologyError for an invalid one."""
     for endpoint in endpoints:

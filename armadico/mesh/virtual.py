@@ -55,7 +55,6 @@ class VirtualMesh(Network):
         *,
         ties: random.Random | None = None,
         lease: float = LEASE,
-        reconnect: tuple[float, float] = RECONNECT,
     ) -> None:
         """Begin without processes.
 
@@ -64,8 +63,8 @@ class VirtualMesh(Network):
         super().__init__(seed, ties)
         self.joined: Callable[[Node], None] | None = None  # called with each added node
         self.nodes: list[Node] = []  # the processes of agents
-        self.liveliness = Liveliness(self, lease, reconnect)
-        self.star = Star(self, reconnect)
+        self.liveliness = Liveliness(self, lease, RECONNECT)
+        self.star = Star(self, RECONNECT)
         self.queries = Queries(self)
         self.ports = Ports(self)
         self.protocols: dict[str, int] = {}  # that the next instances of agents use, by name

@@ -42,6 +42,12 @@ class Liveliness:
             if not other.lost:
                 self._send_token(place, other, name, instance)
 
+    def reintroduce(self, place: Place) -> None:
+        """Send all tokens in both directions between a process and the others."""
+        self.introduce(place)
+        for name, instance in place.tokens:
+            self.join(place, name, instance)
+
     def killed(self, place: Place) -> None:
         """Report a killed process: at once where it was reachable, else after its lease."""
         star = self._mesh.star
@@ -93,9 +99,7 @@ class Liveliness:
         """Link a node again, in a namespace without a router."""
         if node.alive and not node.hung and node.hangs == hang:
             node.lost = False
-            self.introduce(node)
-            for name, instance in node.tokens:
-                self.join(node, name, instance)
+            self.reintroduce(node)
 
     # Cuts ----------------------------------------------------------------------------------------
 
@@ -134,9 +138,7 @@ class Liveliness:
         if router is None and not (place.lost or other.lost):
             self._announce(other, place)
         elif other is router and place.uplink is router:
-            self.introduce(place)
-            for name, instance in place.tokens:
-                self.join(place, name, instance)
+            self.reintroduce(place)
 
     def _cut_for_long(self, way: Way, _: object) -> None:
         """Part two processes that are still cut; one that was cut again is parted early."""

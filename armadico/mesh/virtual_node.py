@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 from armadico.core.agent import Agent
@@ -263,7 +264,8 @@ class Node(Place):
             elif isinstance(item, Write):
                 self.mesh.ports.write(self, item)
             elif isinstance(item, SendQuery):
-                self._ask(item)
+                then = partial(self._replied, item.id)
+                self.mesh.queries.put_first(self, item, then)
             elif isinstance(item, Reply):
                 self.mesh.queries.reply(self, item.call, item.key, item.message)
             elif isinstance(item, Announce):
@@ -275,9 +277,6 @@ class Node(Place):
                     self.driver.guarded(EXPIRY_S, EXPIRY_S, self.time)
                 self.driver.link(True, "", self.time)
                 self._drain()
-
-    def _ask(self, item: SendQuery) -> None:
-        self.mesh.queries.put_first(self, item, lambda message: self._replied(item.id, message))
 
     def unsent(self, key: str, why: str) -> None:
         self.driver.refuse(key, why, self.time)

@@ -73,10 +73,7 @@ class Star:
         elif self._reaches(place, router):
             place.uplink = router
         else:
-            self.troubled = True
-            place.uplink = place
-            place.presence.link(False, self._mesh.now)
-            self._seek(place)
+            self.cut_off(place)
 
     # Passing messages ----------------------------------------------------------------------------
 
@@ -137,7 +134,7 @@ class Star:
                 self._lead(second)
 
     def cut_off(self, place: Place) -> None:
-        """Disconnect a place that has lost its router."""
+        """Disconnect a place that has no router, or has lost it."""
         self.troubled = True
         place.uplink = place
         place.presence.link(False, self._mesh.now)
@@ -191,10 +188,7 @@ class Star:
         place.uplink = router
         place.presence.link(True, self._mesh.now)
         place.schedule_poll()
-        liveliness = self._mesh.liveliness
-        liveliness.introduce(place)
-        for name, instance in place.tokens:
-            liveliness.join(place, name, instance)
+        self._mesh.liveliness.reintroduce(place)
         if isinstance(place, Node):
             self._mesh.start(place)
 

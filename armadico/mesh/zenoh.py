@@ -150,22 +150,6 @@ class Declared:
         self.tokens.clear()
 
 
-@dataclass
-class Watchers:
-    """The callbacks for changes of agents and of the robot's router."""
-
-    agents: list[Changed] = field(default_factory=list)
-    router: list[Callable[[bool], None]] = field(default_factory=list)
-
-    def notify_agent(self, name: str, instance: str, there: bool) -> None:
-        for changed in self.agents:
-            changed(name, instance, there)
-
-    def notify_router(self, reachable: bool) -> None:
-        for changed in self.router:
-            changed(reachable)
-
-
 class ZenohMesh(Reader, Monotonic):
     """One process's session, within one robot's namespace: a `Mesh`.
 
@@ -187,7 +171,7 @@ class ZenohMesh(Reader, Monotonic):
         self.router = ""  # the id of the router that it is linked to, or is; else empty
         self.joined_at = ""  # the endpoint of the router that it was last linked to
         self._level = logging.INFO if starts else logging.WARNING
-        self._where = where
+        self.where = where  # how it joins, at present
         self._lock = threading.RLock()
         self._reopening = threading.Lock()
         self._session: zenoh.Session | None = None
@@ -195,16 +179,16 @@ class ZenohMesh(Reader, Monotonic):
         self._opened = False
         self._joined = threading.Event()
         self._tried = threading.Event()  # after the first attempt to join
-        self._joining = ""  # the router that is being joined, which may hang
+        self.hung = ""  # the router that accepted a connection and has not answered yet
         self._refusals = Refusals(namespace, where)
         self._left = threading.Event()
         self._seeking: threading.Thread | None = None
         self._closing: threading.Thread | None = None  # closes a session whose link is lost
         self._declared = Declared()
         self._noted: set[tuple[str, str]] = set()  # checked by the door
-        self._watchers = Watchers()
-        notify = self._watchers.notify_agent, self._watchers.notify_router
-        self._presence = Presence(*notify, reachable=where.router)
+        self._agent_watchers: list[Changed] = []
+        self._router_watchers: list[Callable[[bool], None]] = []
+        self._presence = Presence(self._notify_agent, self._notify_router, reachable=where.router)
         self._peers: PeerLinks | None = None
         self._stop_keeping: Callable[[], None] | None = None  # the door
         self._timer: threading.Timer | None = None
@@ -226,17 +210,12 @@ class ZenohMesh(Reader, Monotonic):
     @property
     def door(self) -> Door | None:
         """The identity by which it joins; None: the society is open."""
-        return self._where.door
-
-    @property
-    def hung(self) -> str:
-        """The router that accepted a connection and has not answered yet; "" if none."""
-        return self._joining
+        return self.where.door
 
     @property
     def missing(self) -> str:
         """Why the mesh has not been joined, and what to do: for people."""
-        own = [str(self._socket())] if self._where.socket else []
+        own = [str(self._socket())] if self.where.socket else []
         if why := self._refusals.why(self.hung):
             return why
         if self.hung:
@@ -250,7 +229,7 @@ class ZenohMesh(Reader, Monotonic):
                 f"the socket {own[0]} was deleted while a robot agent listens on it: end its"
                 " society (`armadico down`, or Ctrl-C where it was started) and start it again"
             )
-        places = " or ".join([*own, *self._where.connect])
+        places = " or ".join([*own, *self.where.connect])
         found = sockets.elsewhere(self.namespace) if own else {}
         also = f". {sockets.shown(found)}" if found else ""
         return f"no robot agent at {places}; start one with `armadico up`{also}"
@@ -262,7 +241,7 @@ class ZenohMesh(Reader, Monotonic):
         machine's. Raises TopologyError if the socket cannot be created.
         """
         atexit.register(self._end)
-        if self._where.router:
+        if self.where.router:
             self._listen()
             try:
                 self._keep_door()
@@ -272,15 +251,10 @@ class ZenohMesh(Reader, Monotonic):
             return
         self._keep_door()
         self._opened = True
-        if self._where.socket:
+        if self.where.socket:
             self._socket()  # raises its errors here, not in the thread
         self._start_seeking()
         self._tried.wait(TRY_S)  # limited, as a hanging router accepts a connection and no more
-
-    @property
-    def where(self) -> Topology:
-        """How it joins, at present."""
-        return self._where
 
     def wait_joined(self, timeout: float) -> bool:
         return self._joined.wait(timeout)
@@ -293,20 +267,20 @@ class ZenohMesh(Reader, Monotonic):
         path = self._socket()
         if path.is_dir():
             raise MeshError(f"{path} is a folder, and the socket would be there: remove it")
-        listen = self._endpoints(self._where)
+        listen = self._endpoints(self.where)
         try:
-            session = zenoh.open(self._config(self._where, listen))
+            session = zenoh.open(self._config(self.where, listen))
         except zenoh.ZError as error:
             if (there := sockets.holder(path)) is not None:
                 raise MeshError(
-                    f"process {there.pid} is the router of the namespace {self.namespace!r}"
+                    f"process {there} is the router of the namespace {self.namespace!r}"
                     f" already ({path}): `armadico down` ends it, --namespace names another"
                 ) from None
             raise MeshError(f"cannot listen on {', '.join(listen)}: {reason(error)}") from None
-        door = self._where.door
+        door = self.where.door
         sockets.note_keys(self.namespace, "" if door is None else door.folder)
         self._begin(session)
-        self._peers = PeerLinks(self, self._where.peers, self._where.door)
+        self._peers = PeerLinks(self, self.where.peers, self.where.door)
 
     def _endpoints(self, where: Topology) -> tuple[str, ...]:
         """The endpoints of a router's session. Its door listens on those over TLS."""
@@ -314,7 +288,7 @@ class ZenohMesh(Reader, Monotonic):
         return (sockets.endpoint(self._socket()), *own)
 
     def _keep_door(self) -> None:
-        door = self._where.door
+        door = self.where.door
         if door is not None and not door.is_foreign:
             self._stop_keeping = door.keep(self)
 
@@ -326,7 +300,7 @@ class ZenohMesh(Reader, Monotonic):
         the new settings cannot be used: the session continues, or was opened again with the old
         ones.
         """
-        assert self._where.router, "a client joins anew by itself"
+        assert self.where.router, "a client joins anew by itself"
         listen = self._endpoints(where)
         with self._reopening:
             try:
@@ -346,15 +320,15 @@ class ZenohMesh(Reader, Monotonic):
             except zenoh.ZError as error:
                 self._begin(self._opened_again())
                 raise MeshError(f"these settings cannot be used: {reason(error)}") from None
-            self._where = where
+            self.where = where
             self._begin(new)
 
     def _opened_again(self) -> zenoh.Session:
         """Return a session of the router with its present settings, which worked before."""
-        listen = self._endpoints(self._where)
+        listen = self._endpoints(self.where)
         while True:
             try:
-                return zenoh.open(self._config(self._where, listen))
+                return zenoh.open(self._config(self.where, listen))
             except zenoh.ZError as error:  # a client's port may be the router's for a moment
                 logger.error("the router cannot listen: %s; trying again", reason(error))
                 if self._left.wait(AGAIN_S):
@@ -374,7 +348,7 @@ class ZenohMesh(Reader, Monotonic):
         while not (self._left.is_set() or self._seek_once()):
             self._tried.set()
             tries += 1
-            is_quick = self._where.socket and tries <= QUICK
+            is_quick = self.where.socket and tries <= QUICK
             self._left.wait(QUICK_S if is_quick else self._refusals.pause)
         self._tried.set()
         warning.cancel()
@@ -386,27 +360,27 @@ class ZenohMesh(Reader, Monotonic):
 
     def _seek_once(self) -> bool:
         """Join a router that is there now; return whether there was one."""
-        path = self._socket() if self._where.socket else None
+        path = self._socket() if self.where.socket else None
         if path is not None and sockets.holder(path) is not None:
             return self._join(sockets.endpoint(path), str(path))
-        connect = self._where.connect
+        connect = self.where.connect
         answering = [there for there in connect if self._refusals.answers(there, PROBE_S)]
         if not answering:
-            self._joining = ""
+            self.hung = ""
         return any(self._join(there, there) for there in answering)
 
     def _join(self, there: str, shown: str) -> bool:
         """Join by the router at an endpoint, `shown` for people; return whether it succeeded."""
-        self._joining = shown
+        self.hung = shown
         try:
-            session = zenoh.open(self._config(self._where, connect=(there,)))
+            session = zenoh.open(self._config(self.where, connect=(there,)))
         except (zenoh.ZError, OSError) as error:  # OSError: a file of the door cannot be read
             logger.debug("%s: %s", there, error)
             self._refusals.failed(there)
             return False
-        self._joining, self.joined_at = "", there
+        self.hung, self.joined_at = "", there
         self._refusals.joined()
-        if len(self._where.connect) > 1 and not self._leads_to_robot(session):
+        if len(self.where.connect) > 1 and not self._leads_to_robot(session):
             _close(session)
             return False
         self._begin(session)
@@ -439,7 +413,7 @@ class ZenohMesh(Reader, Monotonic):
         self._opened, self._session = True, session
         linked = _direct(lambda event: self._linked(session, event))
         self._keep(session.info.declare_link_events_listener(linked, history=True))
-        if self._where.router:
+        if self.where.router:
             self.router = str(session.info.zid())
             key = ROUTER.format(id=self.router)
             self._declared.tokens[key] = session.liveliness().declare_token(self._rooted(key))
@@ -522,7 +496,7 @@ class ZenohMesh(Reader, Monotonic):
         wait for Zenoh's own thread, which may wait for a lock of that thread.
         """
         declared, self._declared = self._declared, Declared()
-        if self._where.router:
+        if self.where.router:
             _keep(session)
 
         def end() -> None:
@@ -636,8 +610,8 @@ class ZenohMesh(Reader, Monotonic):
 
     def _note_forbidden(self, does: str, key: str) -> None:
         """Log once that the router drops a kind of message: nothing else tells its sender."""
-        door = self._where.door
-        if door is None or door.is_foreign or self._where.router or (does, key) in self._noted:
+        door = self.where.door
+        if door is None or door.is_foreign or self.where.router or (does, key) in self._noted:
             return
         if len(self._noted) < NOTED:
             self._noted.add((does, key))
@@ -658,8 +632,8 @@ class ZenohMesh(Reader, Monotonic):
 
     def watch_alive(self, changed: Changed) -> None:
         with self._lock:
-            first = not self._watchers.agents
-            self._watchers.agents.append(changed)
+            first = not self._agent_watchers
+            self._agent_watchers.append(changed)
             for agent in sorted(self._presence.reported):
                 changed(*agent, True)
         if first:
@@ -672,10 +646,18 @@ class ZenohMesh(Reader, Monotonic):
 
     def watch_router(self, changed: Callable[[bool], None]) -> None:
         with self._lock:
-            self._watchers.router.append(changed)
+            self._router_watchers.append(changed)
             changed(self._presence.reachable)
 
     # Changes of others, on Zenoh's threads and the timer's ----------------------------------------
+
+    def _notify_agent(self, name: str, instance: str, there: bool) -> None:
+        for changed in self._agent_watchers:
+            changed(name, instance, there)
+
+    def _notify_router(self, reachable: bool) -> None:
+        for changed in self._router_watchers:
+            changed(reachable)
 
     def _watch_tokens(
         self, session: zenoh.Session, where: str, root: int, then: Callable[[list[str], bool], None]
@@ -706,7 +688,7 @@ class ZenohMesh(Reader, Monotonic):
 
     def _linked(self, session: zenoh.Session, event: zenoh.LinkEvent) -> None:
         there = event.kind == zenoh.SampleKind.PUT
-        if not self._where.router:
+        if not self.where.router:
             with self._lock:  # before the tokens of the link are processed
                 if self._session is session:
                     if there:

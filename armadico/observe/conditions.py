@@ -8,12 +8,14 @@ from collections.abc import Iterable
 from functools import cache
 from hashlib import sha256
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.metadata import PackageNotFoundError, requires
 from pathlib import Path
 from typing import Final
 
 import msgspec
 from msgspec import Struct
+
+from armadico.core.installed import version_of
 
 # Packages that a run depends on; the commands of the first are left out.
 CODE: Final = ("armadico", "armadico.agents", "armadico.bridge", "armadico.configs")
@@ -57,7 +59,7 @@ def digest(value: object) -> str:
 def software() -> Software:
     """The software of this process, as of the first call."""
     return Software(
-        version=_version("armadico"),
+        version=version_of("armadico"),
         commit=commit(),
         source=source_hash(),
         python=platform.python_version(),
@@ -68,7 +70,7 @@ def software() -> Software:
 
 def packages(names: Iterable[str]) -> dict[str, str]:
     """The versions of distributions, without armadico's."""
-    return {name: _version(name) for name in sorted({*names} - {"armadico", ""})}
+    return {name: version_of(name) for name in sorted({*names} - {"armadico", ""})}
 
 
 def source_hash(*besides: Path) -> str:
@@ -118,10 +120,3 @@ def _required() -> list[str]:
         for line in lines
         if "extra ==" not in line
     ]
-
-
-def _version(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return "unknown"

@@ -13,9 +13,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Final
-from urllib.parse import urlsplit
 
-from armadico.core.discovery import TRANSPORTS, installed
 from armadico.core.outgoing import EXPIRY_S, STEP_S
 from armadico.mesh.sockets import IDENTITY, identity
 from armadico.runtime import guard
@@ -124,12 +122,3 @@ class GuardedPort:
         if not message:
             raise OSError("the guard of the line has ended; another one is started")
         return message
-
-
-def open_guarded(url: str, place: Path) -> GuardedPort:
-    """Open an address by a guard. Raises OSError; ValueError without a transport."""
-    known = installed(TRANSPORTS)
-    scheme = urlsplit(url).scheme
-    if scheme not in known:
-        raise ValueError(f"{url!r} begins with none of {', '.join(known)}")
-    return GuardedPort(known[scheme].value, url, place)

@@ -10,14 +10,14 @@ from math import inf
 from typing import Final
 from urllib.parse import urlsplit
 
-from armadico.core.discovery import TRANSPORTS, installed
+from armadico.core.discovery import TRANSPORTS, Found, installed
 from armadico.core.driver import Driver
 from armadico.core.mailbox import URGENT
 from armadico.core.outgoing import EXPIRY_S, Write
 from armadico.mesh import sockets
 from armadico.mesh.topology import TopologyError
 from armadico.runtime import guard
-from armadico.runtime.guarded import HUNG_S, GuardedPort, open_guarded
+from armadico.runtime.guarded import HUNG_S, GuardedPort
 from armadico.runtime.inbox import Inbox
 from armadico.runtime.port import Port
 
@@ -33,12 +33,16 @@ BY_GUARD: Final = "armadico stop, at the guard of its line"
 
 def open_port(url: str) -> Port:
     """Open an address by its scheme's transport. Raises OSError; ValueError without a transport."""
+    port: Port = _transport(url).load()(url)
+    return port
+
+
+def _transport(url: str) -> Found:
     known = installed(TRANSPORTS)
     scheme = urlsplit(url).scheme
     if scheme not in known:
         raise ValueError(f"{url!r} begins with none of {', '.join(known)}")
-    port: Port = known[scheme].load()(url)
-    return port
+    return known[scheme]
 
 
 def open_line(url: str, namespace: str) -> Port:
@@ -52,7 +56,7 @@ def open_line(url: str, namespace: str) -> Port:
         place = sockets.guard_of(namespace)
     except TopologyError as error:
         raise OSError(f"its guard has no place for its socket: {error}") from None
-    return open_guarded(url, place)
+    return GuardedPort(_transport(url).value, url, place)
 
 
 class Device:

@@ -28,12 +28,12 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Final, NoReturn
 
 from armadico.core.agent import Agent, DeviceAgent, Identity
 from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
 from armadico.core.individual import Rights
+from armadico.core.installed import version_of
 from armadico.core.journal import Journalled
 from armadico.core.kernel import Subscription
 from armadico.core.mailbox import BURST_S, EVENTS, URGENT
@@ -330,19 +330,16 @@ class AgentHost:
             self._local.append((other, to, item.key, message))
         return Publish(item.key, message), data
 
-    def _unsent(self, driver: Driver, item: Output, error: MessageError) -> None:
-        """Count, log and drop a message that could not be decoded; the agent continues."""
-        assert isinstance(item, Publish | SendQuery | Reply), "nothing else holds a message"
-        if isinstance(item, SendQuery):
-            self.inbox.put(_lane(driver, item), self._replied, driver, item, "", None)
-        driver.refuse(item.key, error, self._clock())
-        self.inbox.put("refused", lambda: None, keep=1)  # so that a turn follows and reports it
-
     def _put(self, driver: Driver, item: Output, data: bytes | None) -> None:
+        """Send; a message that could not be decoded is counted, logged and dropped."""
         try:
             self._pass_on(driver, item, data)
         except MessageError as error:
-            self._unsent(driver, item, error)
+            assert isinstance(item, Publish | SendQuery | Reply), "nothing else holds a message"
+            if isinstance(item, SendQuery):
+                self.inbox.put(_lane(driver, item), self._replied, driver, item, "", None)
+            driver.refuse(item.key, error, self._clock())
+            self.inbox.put("refused", lambda: None, keep=1)  # so that a turn follows, and reports
 
     def _pass_on(self, driver: Driver, item: Output, data: bytes | None) -> None:
         """Send by the mesh or the port. Raises MessageError for a message that cannot be sent."""
@@ -512,19 +509,12 @@ def identity(
         instance=f"{name}-{rng.getrandbits(64):016x}",
         host=host or socket.gethostname(),
         pid=os.getpid(),
-        version=installed_version(),
+        version=version_of("armadico"),
         rng=random.Random(rng.getrandbits(64)),
         table=table,
         protocol=protocol,
         rights=rights,
     )
-
-
-def installed_version() -> str:
-    try:
-        return version("armadico")
-    except PackageNotFoundError:
-        return "unknown"
 
 
 def serve(

@@ -38,9 +38,3 @@ __all__ = [
     "obstacles",
     "wall",
 ]
-
-
-def __getattr__(name: str) -> object:
-    if name.endswith("Contract"):
-        raise ImportError(f"from armadico.contracts import {name}: it has moved there")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

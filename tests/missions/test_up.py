@@ -8,7 +8,7 @@ import pytest
 
 from armadico.cli.options import UsageError
 from armadico.cli.up import _scenario, main
-from armadico.config.needs import minimum, tasks
+from armadico.config.needs import needs, tasks
 from armadico.config.scenarios import society
 from armadico.launch.supervisor import Plan
 from tests.robot.cli.test_up import no_table, plan  # noqa: F401 - a fixture
@@ -23,7 +23,7 @@ def test_a_mission_is_as_few_as_it_needs_in_its_own_scenario_and_who_watches() -
     scenario = _scenario(main.parse(["rounds"]))
     assert scenario is not None
     assert scenario.name == "surveillance"
-    assert names(found) == [*minimum(tasks(scenario)), *society().watch]
+    assert names(found) == [*needs(tasks(scenario), helps=True), *society().watch]
     assert {"mission-planning", "battery-charger", "planner-onward"} < set(names(found))
     assert "mapping" not in names(found)
     assert {"mission-planning", "battery-charger"} < set(found.needs)

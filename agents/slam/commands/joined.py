@@ -21,7 +21,7 @@ from armadico.cli.pool import progress
 from armadico.config import graph_file, grid_map
 from armadico.config.graph_file import SavedGraph
 from armadico.config.grid_map import Cells
-from armadico.config.map_lock import held
+from armadico.config.writing import held
 from armadico.core.judgement import Judgement, unknown, yes
 
 CURE: Final = (

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
@@ -221,31 +220,3 @@ class AnyOrder(RuleBasedStateMachine):
 
 
 TestAnyOrder = AnyOrder.TestCase
-
-
-@given(
-    lost=st.floats(0.0, 100.0),
-    back=st.dictionaries(st.sampled_from("abcd"), st.floats(0.0, 2 * GRACE_S)),
-)
-def test_exactly_the_agents_that_are_too_late_are_reported_once(
-    lost: float, back: dict[str, float]
-) -> None:
-    assume(all(abs(after - GRACE_S) > 1e-6 for after in back.values()))
-    process = Process()
-    process.link()
-    agents = [(name, name) for name in "abcd"]
-    process.come(*agents)
-    process.read()
-    process.link(False)
-    process.go(*agents)
-    process.wait(lost)
-    process.link()
-    start = process.now
-    for name, after in sorted(back.items(), key=lambda item: item[1]):
-        process.wait(start + after - process.now)
-        process.come((name, name))
-    process.wait(start + 3 * GRACE_S - process.now)
-    end = start + GRACE_S
-    late = {name for name in "abcd" if start + back.get(name, 9.0) > end}
-    gone = [news for news in process.read() if str(news).startswith("-")]
-    assert sorted(gone) == sorted(f"-{name}" for name in late)

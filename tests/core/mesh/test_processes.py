@@ -6,11 +6,11 @@ import signal
 
 import pytest
 
-from armadico.core.messages import Card, Cycle, RobotState, Stop
+from armadico.core.messages import Card, Stop
 from armadico.core.restart_policy import MISUSED
 from armadico.launch.client import Client
 from armadico.mesh.sockets import RUNTIME_VARIABLE, folder
-from armadico.mobile.messages import Plan, PlanRequest, Pose, Waypoint
+from armadico.mobile.messages import Plan, PlanRequest, Waypoint
 from tests.core.mesh.conftest import Spawn, SpawnRouter
 from tests.programs import call
 from tests.runtime_folder import fresh_folder
@@ -19,10 +19,6 @@ pytestmark = pytest.mark.live
 
 SOON = 20.0  # s; a deadline, not an expectation
 REQUEST = PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 2, 0.5))
-
-
-def state(number: int) -> RobotState:
-    return RobotState(Cycle(7, number), 1.0, 2.0, 0.5, 0.1, 0.0, 12.5, True, False)
 
 
 def there(client: Client, count: int) -> bool:
@@ -35,20 +31,6 @@ def upset(client: Client) -> None:
     client.publish(Stop(1, True, "the test", 1))
 
 
-def test_an_agent_publishes_for_what_it_receives(client: Client, spawn: Spawn) -> None:
-    client.listen(Pose)
-    spawn()
-    assert there(client, 1)
-    pose = None
-    for number in range(1, 200):
-        client.publish(state(number))
-        pose = client.wait_for(lambda: client.latest(Pose), 0.1)
-        if pose is not None:
-            break
-    assert pose is not None
-    assert (pose.x, pose.y, pose.theta) == (1.0, 2.0, 0.5)
-
-
 def test_an_agent_gives_its_card_and_answers_its_queries(client: Client, spawn: Spawn) -> None:
     process = spawn()
     assert there(client, 1)
@@ -56,15 +38,8 @@ def test_an_agent_gives_its_card_and_answers_its_queries(client: Client, spawn: 
     card = client.cards(SOON)[name, instance]
     assert isinstance(card, Card)
     assert (card.name, card.instance, card.pid) == ("toy", instance, process.pid)
-    assert card.provides == ("encoder/pose", "path/plan")
+    assert card.provides == ("path/plan",)
     assert client.query(REQUEST, SOON) == Plan((), refusal=f"{instance} does not plan")
-
-
-def test_two_instances_have_different_names(client: Client, spawn: Spawn) -> None:
-    spawn()
-    spawn()
-    assert there(client, 2)
-    assert len({instance for _, instance in client.alive}) == 2
 
 
 def test_an_agent_that_is_killed_is_seen_to_go(client: Client, spawn: Spawn) -> None:

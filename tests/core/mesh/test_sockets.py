@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 import signal
@@ -40,7 +39,7 @@ from armadico.mesh.sockets import (
 )
 from armadico.mesh.topology import MeshError, TopologyError, topology
 from armadico.mesh.zenoh import ZenohMesh
-from tests.runtime_folder import fresh_folder
+from tests.runtime_folder import fresh_folder, locked
 
 from .conftest import SpawnRouter
 
@@ -130,14 +129,6 @@ def test_beside_temporary_files_another_user_can_be_first_and_it_costs_nothing(
     monkeypatch.setattr(Path, "home", none)
     with pytest.raises(TopologyError, match=f"another user; set {RUNTIME_VARIABLE}"):
         folder()
-
-
-@contextmanager
-def locked(path: Path) -> Iterator[Path]:
-    """Lock a file of a running router or share."""
-    with path.open("a") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield path
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder to another user")
@@ -356,14 +347,6 @@ def _signalled(namespace: str) -> Iterator[subprocess.Popen[bytes]]:
             process.kill()
 
 
-@pytest.mark.live
-@pytest.mark.parametrize("router", [False, True])
-def test_a_process_that_joins_gets_the_error_at_once(base: Path, router: bool) -> None:
-    folder().chmod(0o777)
-    with pytest.raises(TopologyError, match=f"chmod 700 {base / 'armadico'}"):
-        ZenohMesh("robot1", topology(router=router)).open()
-
-
 # Paths --------------------------------------------------------------------------------------------
 
 LONG = "a-robot-with-a-name-that-is-as-long-as-it-may-be-" + "x" * 40
@@ -406,9 +389,7 @@ def test_the_holder_of_a_socket_is_the_process_that_listens_on_it(base: Path) ->
     path = base / "a.sock"
     assert holder(path) is None
     with listening(path):
-        found = holder(path)
-        assert found is not None
-        assert (found.pid, found.uid) == (os.getpid(), os.getuid())
+        assert holder(path) == os.getpid()
     assert path.exists()
     assert holder(path) is None, "the process that left it behind has ended"
 

@@ -421,19 +421,6 @@ def test_nothing_of_one_robot_reaches_another_by_whatever_key(join: Join) -> Non
     assert news.alive == {GOTO}
 
 
-def test_within_its_own_namespace_the_same_session_is_received(join: Join) -> None:
-    """It is the namespace that counts, and not the session."""
-    mine = join("lab/r1")
-    got = received(mine, "robot/stop")
-    with stranger("lab/r1") as session:
-
-        def arrived() -> bool:
-            session.put("lab/r1/robot/stop", b"\xa0")
-            return bool(got)
-
-        assert eventually(arrived)
-
-
 @pytest.mark.long(but=("True",))
 @pytest.mark.parametrize("turned", [False, True])
 def test_of_several_routers_a_client_joins_its_own_robots(

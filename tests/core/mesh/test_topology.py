@@ -4,32 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from armadico.mesh.topology import Topology, TopologyError, checked_namespace, topology
+from armadico.mesh.topology import TopologyError, checked_namespace, place_of, topology
 
 ROBOT = "tcp/10.0.0.1:7447"
-SECOND = "tcp/10.0.0.2:7447"
-OTHER = "tcp/192.168.1.5:7447"
-
-
-def test_without_configuration_a_process_is_a_client_of_the_socket_on_this_computer() -> None:
-    assert topology() == Topology(router=False, listen=(), connect=(), socket=True)
-
-
-def test_without_configuration_a_router_listens_on_no_endpoint_but_the_socket() -> None:
-    assert topology(router=True) == Topology(router=True, listen=(), connect=(), socket=True)
-
-
-def test_with_a_host_table_a_client_may_use_the_socket_or_the_robots_endpoint() -> None:
-    assert topology(robot=ROBOT) == Topology(connect=(ROBOT,), socket=True)
-
-
-def test_a_client_on_a_host_that_is_not_the_robots_uses_the_endpoint_only() -> None:
-    assert topology(robot=ROBOT, here=False) == Topology(connect=(ROBOT,), socket=False)
-
-
-def test_a_router_listens_on_the_robots_endpoint_and_links_to_the_rest_of_the_fleet() -> None:
-    where = topology(router=True, robot=ROBOT, peers=[ROBOT, SECOND, OTHER])
-    assert where == Topology(router=True, listen=(ROBOT,), peers=(SECOND, OTHER))
 
 
 @pytest.mark.parametrize(
@@ -41,6 +18,19 @@ def test_a_router_listens_on_the_robots_endpoint_and_links_to_the_rest_of_the_fl
 )
 def test_an_endpoint_names_a_protocol_and_an_address_or_a_path(endpoint: str) -> None:
     assert topology(connect=endpoint).connect == (endpoint,)
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "place"),
+    [
+        ("tcp/[fe80::1]:7447", ("fe80::1", 7447)),
+        ("tls/lab1:7447?rel=0#iface=eth0", ("lab1", 7447)),
+    ],
+)
+def test_the_place_of_an_endpoint_is_without_its_settings(
+    endpoint: str, place: tuple[str, int]
+) -> None:
+    assert place_of(endpoint) == place
 
 
 @pytest.mark.parametrize(

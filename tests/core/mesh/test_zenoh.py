@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import socket
-import subprocess
 import sys
 import threading
 from typing import Any, cast
@@ -15,6 +14,7 @@ from armadico.core.messages import Stop
 from armadico.mesh.ports import LOOPBACK, free_port
 from armadico.mesh.topology import MeshError, topology
 from armadico.mesh.zenoh import ZenohMesh
+from tests.programs import call
 
 from .conftest import Join, SpawnRouter
 
@@ -42,15 +42,6 @@ def test_an_endpoint_that_is_not_this_computers_is_named() -> None:
         ZenohMesh("endpoints", topology(router=True, robot="tcp/192.0.2.1:7447")).open()
 
 
-def test_a_client_on_another_computer_joins_by_the_robots_endpoint() -> None:
-    endpoint = f"tcp/{LOOPBACK}:{free_port()}"
-    with (
-        ZenohMesh("endpoints", topology(router=True, robot=endpoint)),
-        ZenohMesh("endpoints", topology(connect=endpoint)) as client,
-    ):
-        assert client.wait_joined(SOON)
-
-
 # Programs that end --------------------------------------------------------------------------------
 
 LEFT_OPEN = """
@@ -72,13 +63,7 @@ raise ValueError("over")
 
 def ends(program: str) -> bool:
     """Whether a program that leaves its session open ends by its own exception."""
-    ended = subprocess.run(
-        [sys.executable, "-c", program],
-        capture_output=True,
-        text=True,
-        timeout=6 * SOON,
-        check=False,
-    )
+    ended = call("-c", program, program=sys.executable)
     assert ended.stderr.endswith("ValueError: over\n"), ended.stderr
     return ended.returncode == 1
 

@@ -7,23 +7,19 @@ import sys
 from typing import ClassVar
 
 from armadico.core.agent import Agent, Question
-from armadico.core.messages import Claim, Message, RobotState, Stop
+from armadico.core.messages import Claim, Message, Stop
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
-from armadico.mobile.messages import Plan, PlanRequest, Pose
+from armadico.mobile.messages import Plan, PlanRequest
 from armadico.runtime.process import identity, serve
 
 
 class Toy(Agent):
-    """Turns states into poses and answers plans; what it does on a stop depends on its kind."""
+    """Answers plans; what it does on a stop depends on its kind."""
 
     name = "toy"
     receives: ClassVar[tuple[type[Message], ...]] = (Stop,)
-    provides: ClassVar[tuple[type[Message], ...]] = (Pose,)
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
-
-    def on_robot_state(self, state: RobotState) -> None:
-        self.publish(Pose(state.cycle, state.x, state.y, state.theta))
 
     def on_plan_request(self, _request: PlanRequest, _question: Question) -> Plan:
         return Plan(waypoints=(), refusal=f"{self.instance} does not plan")

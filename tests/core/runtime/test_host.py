@@ -7,7 +7,7 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
-import cbor2
+import numpy as np
 import pytest
 
 from armadico.core import messages as m
@@ -34,15 +34,12 @@ from armadico.core.messages import (
 from armadico.core.outgoing import Publish, SendQuery, Write
 from armadico.core.resources import WHEELS
 from armadico.mobile.messages import (
-    MissionState,
-    MissionStatus,
     Plan,
     PlanRequest,
     Pose,
     Trajectory,
     Waypoint,
 )
-from armadico.runtime import process
 from armadico.runtime.process import AgentHost, identity
 from tests.core.mesh.fakes import Clock, FakeCall, FakeMesh, on_a_fake
 
@@ -140,43 +137,6 @@ def test_what_one_publishes_reaches_another_of_its_process_as_it_is() -> None:
     assert watcher.poses[0] is sent, "neither encoded nor decoded"
 
 
-def test_what_a_neighbour_is_given_is_encoded_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    encoded: list[bytes] = []
-    dumps = cbor2.dumps
-
-    def counted(plain: Any) -> bytes:
-        encoded.append(dumps(plain))
-        return encoded[-1]
-
-    poser, watcher = Poser(identity("poser")), Watcher(identity("watcher"))
-    host, mesh = on_a_fake(poser, watcher)
-    monkeypatch.setattr("cbor2.dumps", counted)
-    play(host, lambda: mesh.receive("robot/state", state(1)))
-    both = zip(mesh.sent, mesh.messages, strict=True)
-    (pose,) = [data for data, message in both if type(message) is Pose]
-    assert [m.decode(pose, Pose)] == watcher.poses
-    assert encoded.count(pose) == 1
-
-
-def test_what_several_listen_to_is_subscribed_and_decoded_once(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    decoded: list[bytes] = []
-    decode = m.decode
-
-    def counted(data: bytes, kind: Any) -> Any:
-        decoded.append(data)
-        return decode(data, kind)
-
-    monkeypatch.setattr(process, "decode", counted)
-    monkeypatch.setattr("armadico.core.driver.decode", counted)
-    watchers = [Watcher(identity("watcher")) for _ in range(3)]
-    host, mesh = on_a_fake(*watchers)
-    play(host, lambda: mesh.receive("robot/state", state(1)))
-    assert len(decoded) == 1
-    assert watchers[0].states[0] is watchers[1].states[0] is watchers[2].states[0]
-
-
 def test_each_has_a_token_a_card_and_bids_of_its_own() -> None:
     agents = Poser(identity("poser")), Watcher(identity("watcher"))
     host, mesh = on_a_fake(*agents)
@@ -191,43 +151,6 @@ def test_each_has_a_token_a_card_and_bids_of_its_own() -> None:
             (reply,) = call.replies
             assert isinstance(reply, kind)
             assert reply.instance == agent.instance
-
-
-def test_an_agent_does_not_receive_its_own_token_but_all_others() -> None:
-    seen: list[tuple[str, str]] = []
-
-    class Greeter(Watcher):
-        def on_appeared(self, name: str, instance: str) -> None:
-            seen.append((self.instance, instance))
-
-    agents = [Greeter(identity("watcher")) for _ in range(2)]
-    host, mesh = on_a_fake(*agents)
-
-    def news() -> None:
-        for agent in agents:
-            mesh.changed(agent.name, agent.instance, True)
-        mesh.changed("goto", "goto-1", True)
-
-    play(host, news)
-    first, second = (agent.instance for agent in agents)
-    assert sorted(seen) == sorted(
-        [(first, second), (second, first), (first, "goto-1"), (second, "goto-1")]
-    )
-
-
-def test_an_agent_that_fails_ends_the_process_and_the_others_release() -> None:
-    class Failing(Watcher):
-        def on_pose(self, pose: Pose) -> None:
-            raise RuntimeError("cannot bear it")
-
-    hand = Hand(identity("hand"))
-    left: list[str] = []
-    hand.kernel.leave = lambda now: left.append("hand")  # type: ignore[method-assign]
-    host, mesh = on_a_fake(Poser(identity("poser")), Failing(identity("watcher")), hand)
-    with pytest.raises(RuntimeError, match="cannot bear it"):
-        play(host, lambda: mesh.receive("robot/state", state(1)))
-    host.leave()
-    assert left == ["hand"]
 
 
 def test_an_agent_that_may_not_join_ends_the_process_with_the_reason() -> None:
@@ -299,19 +222,6 @@ def test_a_query_that_cannot_be_sent_has_no_reply_and_is_logged() -> None:
     assert any("1 x on path/plan: PlanRequest cannot be sent" in text for text in logs(mesh))
 
 
-class NumpyLike:
-    """A number like numpy's: no float, but convertible to one."""
-
-    def __init__(self, value: float) -> None:
-        self.value = value
-
-    def __float__(self) -> float:
-        return self.value
-
-    def __bool__(self) -> bool:
-        return bool(self.value)
-
-
 def bidding(bid: Any) -> tuple[Hand, list[Message]]:
     """A hand that has bid this for some cycles, and its messages."""
     hand = Hand(identity("hand"))
@@ -326,18 +236,15 @@ def bidding(bid: Any) -> tuple[Hand, list[Message]]:
 
 
 def test_numbers_that_are_no_floats_are_made_floats() -> None:
-    numpy = pytest.importorskip("numpy")
-    for real, true in ((NumpyLike, NumpyLike), (numpy.float32, numpy.bool_)):
-        action: Any = (real(0.5), real(0.25))
-        utility: Any = real(0.5)
-        critical: Any = true(1)
-        hand, sent = bidding(Bid(utility, action, critical=critical))
-        commands = [message for message in sent if isinstance(message, Command)]
-        assert commands
-        claims = [message for message in sent if isinstance(message, Claim)]
-        assert {(c.utility, c.wanted, c.critical) for c in claims} == {(0.5, (0.5, 0.25), True)}
-        assert all(m.decode(encode(message), type(message)) == message for message in sent)
-        assert m.decode(encode(hand.kernel.history()), BidHistory) == hand.kernel.history()
+    action: Any = (np.float32(0.5), np.float32(0.25))
+    utility: Any = np.float32(0.5)
+    critical: Any = np.bool_(1)
+    hand, sent = bidding(Bid(utility, action, critical=critical))
+    assert any(isinstance(message, Command) for message in sent)
+    claims = [message for message in sent if isinstance(message, Claim)]
+    assert {(c.utility, c.wanted, c.critical) for c in claims} == {(0.5, (0.5, 0.25), True)}
+    assert all(m.decode(encode(message), type(message)) == message for message in sent)
+    assert m.decode(encode(hand.kernel.history()), BidHistory) == hand.kernel.history()
 
 
 @pytest.mark.parametrize("reason", ["x" * 5000, "two\nlines", "\x1b[31m red", "a\u2028b"])
@@ -386,18 +293,17 @@ def test_nothing_that_counts_is_lost_in_a_flood_of_claims() -> None:
     assert any("too busy: dropped on resource/wheels/utility" in text for text in logs(mesh))
 
 
-@pytest.mark.parametrize("minutes", [1, 10])
-def test_lines_for_people_are_limited_whatever_comes(minutes: int) -> None:
+def test_lines_for_people_are_limited_whatever_comes() -> None:
+    seconds = 60
     agent = Watcher(identity("watcher"))
     driver = Driver(agent, 0.0, admit=False)
     driver.begin(0.0)
     published = 0
-    for step in range(minutes * 6000):
+    for step in range(100 * seconds):
         agent.kernel.now = step / 100
         agent.log("again and again")
         out = driver.drain()
         published += sum(isinstance(getattr(item, "message", None), Log) for item in out)
-    seconds = 60.0 * minutes
     assert published <= LINES + LINES_A_S * seconds + 1
     assert published >= LINES_A_S * seconds
 
@@ -557,43 +463,3 @@ def test_an_agent_that_is_too_slow_for_its_cycle_is_logged() -> None:
     (sent,) = logs(mesh)
     assert slow.instance in sent
     assert "one turn took 0.25 s, a cycle is 0.1 s" in sent
-
-
-class Waiting(Agent):
-    """Keeps the order of its inputs, and ends its process when it is woken."""
-
-    name = "waiting"
-    receives: ClassVar[tuple[type[Message], ...]] = (MissionStatus, Log)
-    end: Callable[[], None]
-
-    def __init__(self, *args: Any) -> None:
-        super().__init__(*args)
-        self.order: list[str] = []
-
-    def on_mission_status(self, status: MissionStatus) -> None:
-        self.order.append(str(status.mission))
-
-    def on_log(self, log: Log) -> None:
-        self.order.append(log.text)
-
-    def on_wakeup(self) -> None:
-        self.order.append("woken")
-        self.end()
-
-
-def test_a_late_wake_up_comes_after_all_that_has_piled_up() -> None:
-    clock = Clock()
-    agent = Waiting(identity("waiting"))
-    host, mesh = on_a_fake(agent, clock=clock)
-    agent.end = host.request_stop
-    agent.wake_at(clock.now + 1.0)
-
-    def hang() -> None:
-        clock.now += 10.0
-        mesh.receive("mission/status", MissionStatus(1, MissionState.DRIVING, 0.0))
-        for number in range(5):
-            mesh.receive("log/*", Log(20, f"line {number}"), key="log/a")
-
-    host.inbox.put("test", hang)
-    host.live()
-    assert agent.order == ["1", *(f"line {number}" for number in range(5)), "woken"]

@@ -175,13 +175,6 @@ def test_a_latched_stop_that_is_released_is_not_latched() -> None:
     assert not robot.press.done
 
 
-def test_wheels_that_rest_before_the_latch_is_acknowledged_are_not_enough() -> None:
-    robot = Robot()
-    for _ in range(50):
-        robot.state(Stop())
-    assert not robot.press.done
-
-
 # The release --------------------------------------------------------------------------------------
 
 
@@ -201,13 +194,6 @@ def test_a_release_releases_or_has_a_refusal(before: Stop) -> None:
     robot.turns(30)
     assert robot.press.done == (not robot.stop.stopped)
     assert robot.press.done != bool(robot.press.refusal)
-
-
-def test_what_is_not_stopped_needs_no_release() -> None:
-    robot = Robot(Stop(7, False, "a guest", 5), stopped=False)
-    robot.turns(10)
-    assert robot.press.done
-    assert robot.published == []
 
 
 @pytest.mark.parametrize("ahead", [1, 2, 10])

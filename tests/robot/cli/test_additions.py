@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -157,9 +156,7 @@ def test_what_cannot_be_used_is_named_once_and_everything_else_works(toy: Path) 
 def test_a_slot_changes_no_need_that_exists_and_leans_on_none_that_is_not_there(toy: Path) -> None:
     script = "from armadico.config.needs import needs, table; table(); print(*needs(['drive']))"
     env = os.environ | {"PYTHONPATH": str(toy)}
-    done = subprocess.run(
-        [sys.executable, "-c", script], env=env, capture_output=True, text=True, check=True
-    )
+    done = call("-c", script, program=sys.executable, env=env)
     assert done.stdout.split() == ["robot", "encoder", "sonar", "goto", "avoid", "interface"]
     assert "drives = toy:DRIVES is left out: its need 'drive' exists" in done.stderr
     assert "zaps = toy:ZAPS is left out: its need 'zap' is like ('nokind',)" in done.stderr

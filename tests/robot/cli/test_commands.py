@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
 import sys
 
 import pytest
@@ -37,12 +36,7 @@ cli.main(["--help"])
 
 
 def test_help_of_every_command_has_examples_and_imports_nothing_heavy() -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", HELP.replace("HEAVY", repr(HEAVY))],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = call("-c", HELP.replace("HEAVY", repr(HEAVY)), program=sys.executable)
     rows, _, overview = done.stdout.partition("usage:")
     for name, examples, *heavy in map(str.split, rows.splitlines()):
         assert int(examples) >= 2, name

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 
 import pytest
@@ -10,6 +9,7 @@ import shtab
 
 from armadico.cli import completion
 from armadico.core.discovery import COMMANDS, Found, installed
+from tests.programs import call
 
 
 def words(typed: str) -> set[str]:
@@ -19,9 +19,7 @@ def words(typed: str) -> set[str]:
         f"COMP_WORDS=({typed})\nCOMP_CWORD=$((${{#COMP_WORDS[@]}} - 1))\n"
         '_shtab_armadico armadico "${COMP_WORDS[COMP_CWORD]}"\nprintf "%s\\n" "${COMPREPLY[@]}"'
     )
-    done = subprocess.run(
-        ["bash", "-c", script], capture_output=True, text=True, timeout=60, check=False
-    )
+    done = call("-c", script, program="/bin/bash")
     assert done.returncode == 0, done.stderr
     return set(done.stdout.split())
 
@@ -61,7 +59,5 @@ def test_completing_imports_no_numbers_and_no_mesh() -> None:
         "import sys\nfrom armadico.cli import completion\ncompletion.everything()\n"
         "print(sorted({'numpy', 'zenoh', 'pymunk'} & set(sys.modules)))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
-    )
+    done = call("-c", script, program=sys.executable)
     assert done.stdout == "[]\n"

@@ -6,7 +6,6 @@ import os
 import re
 import resource
 import signal
-import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,7 +17,7 @@ from armadico import cli
 from armadico.cli import goto, options
 from armadico.core.discovery import COMMANDS, installed
 from armadico.core.messages import Cycle, RobotState, Stop
-from tests.programs import BIN, SOON, call
+from tests.programs import BIN, call
 
 SCENARIO = 'world = "sc1"\nstart = [0, 0, 0]\ngoal = [1, 0, 0]\n'
 FULL = Path("/dev/full")
@@ -53,14 +52,7 @@ def test_a_command_of_another_tool_names_the_own_one(capsys: pytest.CaptureFixtu
 )
 def test_output_that_goes_to_a_full_disk_is_told_of(words: tuple[str, ...]) -> None:
     with FULL.open("w") as full:
-        done = subprocess.run(
-            [BIN / "armadico", *words],
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            timeout=SOON,
-            check=False,
-        )
+        done = call(*words, stdout=full)
     assert done.returncode == options.FAILED
     assert done.stderr == "armadico: No space left on device\n"
 
@@ -68,14 +60,8 @@ def test_output_that_goes_to_a_full_disk_is_told_of(words: tuple[str, ...]) -> N
 @pytest.mark.skipif(not FULL.exists(), reason="no /dev/full")
 def test_a_run_goes_on_when_what_it_reports_cannot_be_written() -> None:
     with FULL.open("w") as full:
-        done = subprocess.run(
-            [BIN / "armadico", "run", "sc1", "--virtual", "--sensors=ideal", "--runs=1", "--json"],
-            stdout=subprocess.PIPE,
-            stderr=full,
-            text=True,
-            timeout=SOON,
-            check=False,
-        )
+        words = ("run", "sc1", "--virtual", "--sensors=ideal", "--runs=1", "--json")
+        done = call(*words, stderr=full)
     assert done.returncode == 0
     assert '"reached": true' in done.stdout
 
@@ -86,14 +72,7 @@ def test_who_closes_its_streams_hears_nothing_and_it_is_done_all_the_same(
     tmp_path: Path, closed: str
 ) -> None:
     words = f"run sc1 --virtual --sensors ideal --json {closed}"
-    done = subprocess.run(
-        ["sh", "-c", f'"{BIN}/armadico" {words}'],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=SOON,
-        check=False,
-    )
+    done = call("-c", f'"{BIN}/armadico" {words}', program="/bin/sh", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     assert bool(done.stdout) == (">&-" not in closed.split())
@@ -126,13 +105,7 @@ sys.exit(main())
 
 @pytest.mark.parametrize("module", ["armadico.cli", "armadico.cli.options", "armadico.cli.run"])
 def test_ctrl_c_while_it_still_imports_is_as_quiet_as_later(module: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED.format(module=module)],
-        capture_output=True,
-        text=True,
-        timeout=SOON,
-        check=False,
-    )
+    done = call("-c", INTERRUPTED.format(module=module), program=sys.executable)
     assert done.stderr == ""
     assert done.returncode in (-signal.SIGINT, options.INTERRUPTED)
 

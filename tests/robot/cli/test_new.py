@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
 import sys
 from pathlib import Path
 from zipfile import ZipFile
@@ -46,16 +45,16 @@ def new(folder: Path, *words: str) -> Done:
 
 def python(folder: Path, *words: str) -> str:
     """What Python says in a folder where the packages are installed."""
-    done = subprocess.run(
-        [sys.executable, *words],
-        cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(folder / "site"), "TMPDIR": str(folder)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    env = os.environ | {"PYTHONPATH": str(folder / "site"), "TMPDIR": str(folder)}
+    done = call(*words, program=sys.executable, cwd=folder, env=env, within=300.0)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
+
+
+def check_style(folder: Path) -> None:
+    style = ("--isolated", "--line-length=100")
+    python(folder, "-m", "ruff", "check", *style, "--select=E,F,I,N,W", ".")
+    python(folder, "-m", "ruff", "format", *style, "--check", ".")
 
 
 def test_what_is_written_is_installed_found_by_its_name_and_passes_its_own_test(
@@ -67,17 +66,7 @@ def test_what_is_written_is_installed_found_by_its_name_and_passes_its_own_test(
         module = name.replace("-", "_")
         written = sorted(path.name for path in (tmp_path / name).iterdir())
         assert written == [f"{module}.py", "pyproject.toml", f"test_{module}.py"]
-    python(
-        tmp_path,
-        "-m",
-        "ruff",
-        "check",
-        "--isolated",
-        "--select=E,F,I,N,W",
-        "--line-length=100",
-        ".",
-    )
-    python(tmp_path, "-m", "ruff", "format", "--isolated", "--check", "--line-length=100", ".")
+    check_style(tmp_path)
     folders = [f"./{name}" for name in NAMES.values()]
     quietly = ("--quiet", "--no-deps", "--no-build-isolation", "--no-index", "--target", "site")
     python(tmp_path, "-m", "pip", "install", *quietly, *folders)
@@ -95,9 +84,7 @@ def test_a_new_robot_resource_or_task_is_written_in_good_style(
     tmp_path: Path, what: str, name: str
 ) -> None:
     assert cli.main(["new", what, name, "--into", str(tmp_path)]) == 0
-    style = ("--isolated", "--line-length=100")
-    python(tmp_path, "-m", "ruff", "check", *style, "--select=E,F,I,N,W", ".")
-    python(tmp_path, "-m", "ruff", "format", *style, "--check", ".")
+    check_style(tmp_path)
 
 
 @pytest.mark.long

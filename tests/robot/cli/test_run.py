@@ -12,13 +12,11 @@ from armadico import cli
 from armadico.config.shipped import resource_path
 from tests.programs import call, starter
 
-CLOSED = """\
+SHUT_IN = """\
 2D-Map
 LineMinPos: 0 0
 LineMaxPos: 8000 4000
 NumLines: 5
-Cairn: ArmadicoRoom 0 0 0 "" ICON "A" 0 0 4000 4000
-Cairn: ArmadicoRoom 0 0 0 "" ICON "B" 4000 0 8000 4000
 LINES
 0 0 8000 0
 8000 0 8000 4000
@@ -29,37 +27,16 @@ DATA
 """
 """Two rooms and no door."""
 
-SHUT_IN = CLOSED.replace('Cairn: ArmadicoRoom 0 0 0 "" ICON "A" 0 0 4000 4000\n', "").replace(
-    'Cairn: ArmadicoRoom 0 0 0 "" ICON "B" 4000 0 8000 4000\n', ""
-)
-"""The same walls; a map that knows nothing of rooms."""
-
-
 SCENARIO = 'world = "{world}"\nstart = [1, 1, 0]\nplan = "direct"\n{goal}\n'
 
 
 @pytest.fixture(autouse=True)
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A folder of the test's own, with some files that are not as they should be."""
+    """A folder of the test's own, with a map and scenarios."""
     monkeypatch.chdir(tmp_path)
-    Path("closed.map").write_text(CLOSED)
     Path("shut-in.map").write_text(SHUT_IN)
-    Path("no-door.map").write_text(CLOSED.replace("4000 0 4000 4000", "4000 0 4000 3600"))
-    Path("narrow.map").write_text(SHUT_IN.replace("4000 0 4000 4000", "4000 0 4000 3600"))
-    scenario = 'world = "sc1"\nstart = [0, 0, 0]\ngoal = [1, 1, 0]\n'
-    for name, text in {
-        "unclosed.toml": 'world = "sc1"\nstart = [0, 0\n',
-        "colour.toml": scenario + 'colour = "red"\n',
-        "twice.toml": scenario + 'agents = ["goto", "goto"]\n',
-        "stranger.toml": scenario + 'agents = ["gotoo"]\n',
-        "word.toml": scenario.replace("[1, 1, 0]", '[1, "east", 0]'),
-        "nan.toml": scenario.replace("[1, 1, 0]", "[1, nan, 0]"),
-        "blind.toml": SCENARIO.format(world="sc4", goal="goal = [8, 1, 0]"),
-        "alone.toml": SCENARIO.format(world="sc1", goal='agents = ["encoder"]'),
-        "wall.toml": scenario.replace('"sc1"', '"sc4"'),
-        "broken.map": "2D-Map\nLINES\n0 0 zero 0\nDATA\n",
-    }.items():
-        Path(name).write_text(text)
+    Path("blind.toml").write_text(SCENARIO.format(world="sc4", goal="goal = [8, 1, 0]"))
+    Path("alone.toml").write_text(SCENARIO.format(world="sc1", goal='agents = ["encoder"]'))
 
 
 Captured = pytest.CaptureFixture[str]

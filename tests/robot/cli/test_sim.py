@@ -11,7 +11,6 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, cast
 
 import pytest
 from msgspec.structs import replace
@@ -54,14 +53,6 @@ def connect(line: TcpLine) -> socket.socket:
     return client
 
 
-def test_bytes_cross_both_ways(line: TcpLine) -> None:
-    with connect(line) as client:
-        client.sendall(b"hello")
-        assert read(line) == b"hello"
-        line.write(b"status")
-        assert client.recv(100) == b"status"
-
-
 def test_a_second_client_is_refused_and_the_first_is_not_disturbed(line: TcpLine) -> None:
     with connect(line) as first:
         first.sendall(b"a")
@@ -69,17 +60,6 @@ def test_a_second_client_is_refused_and_the_first_is_not_disturbed(line: TcpLine
         with pytest.raises(ConnectionRefusedError):
             connect(line)
         first.sendall(b"b")
-        assert read(line) == b"b"
-
-
-def test_a_client_that_goes_is_noticed_and_another_may_come(line: TcpLine) -> None:
-    with connect(line) as first:
-        first.sendall(b"a")
-        assert read(line) == b"a"
-    assert read(line) is None
-    assert not line.connected
-    with connect(line) as second:
-        second.sendall(b"b")
         assert read(line) == b"b"
 
 
@@ -94,100 +74,11 @@ def test_a_client_that_has_gone_does_not_break_a_write(line: TcpLine) -> None:
     line.write(b"to nobody")
 
 
-class FakeRobot:
-    """Says the time that it was let live to."""
-
-    class Controller:
-        def __init__(self) -> None:
-            self.time_s = 0.0
-            self.hangs_up = False
-            self.disconnected = 0
-
-        def disconnect(self) -> None:
-            self.disconnected += 1
-
-    def __init__(self) -> None:
-        self.controller = self.Controller()
-        self.heard: list[tuple[bytes, float]] = []
-        self.due = 0.0
-
-    def advance(self, now: float) -> bytes:
-        self.controller.time_s = now
-        return f"{now:.2f} ".encode()
-
-    def receive(self, data: bytes, now: float) -> None:
-        self.heard.append((data, now))
-
-
-class FakeLine:
-    def __init__(self) -> None:
-        self.says: list[bytes | None] = []
-        self.waited: list[float] = []
-        self.heard = b""
-
-    def read(self, timeout_s: float) -> bytes | None:
-        self.waited.append(timeout_s)
-        return self.says.pop(0) if self.says else b""
-
-    def write(self, data: bytes) -> None:
-        self.heard += data
-
-    def hang_up(self) -> bool:
-        return False
-
-
 class Clock:
     now = 50.0
 
     def __call__(self) -> float:
         return self.now
-
-
-def simulation() -> tuple[Simulation, FakeRobot, FakeLine, Clock]:
-    robot, line, clock = FakeRobot(), FakeLine(), Clock()
-    return Simulation(cast("Any", robot), line, clock), robot, line, clock
-
-
-def test_simulation_time_is_real_time_from_zero() -> None:
-    simulated, _, line, clock = simulation()
-    for _ in range(3):
-        clock.now += 0.1
-        simulated.step()
-    assert line.heard == b"0.10 0.20 0.30 "
-
-
-def test_it_waits_until_the_robot_has_something_to_say() -> None:
-    simulated, robot, line, _ = simulation()
-    robot.due = 0.03
-    simulated.step()
-    assert line.waited == [pytest.approx(0.03)]
-
-
-def test_what_the_client_says_takes_effect_now() -> None:
-    simulated, robot, line, clock = simulation()
-    line.says = [b"forward"]
-    clock.now += 0.25
-    simulated.step()
-    assert robot.heard == [(b"forward", pytest.approx(0.25))]
-
-
-def test_a_client_that_goes_ends_its_session() -> None:
-    simulated, robot, line, _ = simulation()
-    line.says = [None]
-    simulated.step()
-    assert robot.controller.disconnected == 1
-
-
-def test_a_simulator_that_was_held_up_does_not_jump() -> None:
-    simulated, robot, _, clock = simulation()
-    simulated.step()
-    clock.now += 60.0
-    simulated.step()
-    assert robot.controller.time_s <= BEHIND_S
-    clock.now += 0.1
-    before = robot.controller.time_s
-    simulated.step()
-    assert robot.controller.time_s == pytest.approx(before + 0.1)
 
 
 # A client and its port ----------------------------------------------------------------------------
@@ -198,8 +89,10 @@ class Hasty:
 
     def __init__(self, line: TcpLine) -> None:
         self.write, self.hang_up, self._read = line.write, line.hang_up, line.read
+        self.waits: list[float] = []
 
     def read(self, timeout_s: float) -> bytes | None:
+        self.waits.append(timeout_s)
         return self._read(min(timeout_s, 0.001))
 
 
@@ -212,7 +105,8 @@ class Served:
         self.line, self.clock = line, Clock()
         scenario = replace(load_scenario("sc1"), robot=robot)
         self.robot = robot = simulated(scenario, seeded(1), traps=traps)
-        self.simulation = Simulation(robot, Hasty(line), self.clock)
+        self.hasty = Hasty(line)
+        self.simulation = Simulation(robot, self.hasty, self.clock)
 
     def client(self) -> socket.socket:
         client = socket.create_connection(("127.0.0.1", self.line.port), SOON)
@@ -248,6 +142,22 @@ class Served:
 
         self.until(over)
         return types
+
+
+def test_simulation_time_is_real_time_and_a_simulator_that_was_held_up_does_not_jump(
+    line: TcpLine,
+) -> None:
+    served = Served(line)
+    served.let_pass(1.0)
+    assert served.robot.controller.time_s == pytest.approx(1.0)
+    for _ in range(2):
+        served.step(0.0)
+    assert served.hasty.waits[-1] > 0.0, "it waits until the robot has something to send"
+    served.step(60.0)
+    held_up = served.robot.controller.time_s
+    assert held_up <= 1.0 + BEHIND_S
+    served.step(0.1)
+    assert served.robot.controller.time_s == pytest.approx(held_up + 0.1)
 
 
 SYNC = (SYNC0, SYNC1, SYNC2)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from armadico.mesh.sockets import RUNTIME_VARIABLE, folder, lock_of, share_of, socket_of
 from tests.programs import Done, call
-from tests.runtime_folder import fresh_folder
+from tests.runtime_folder import fresh_folder, locked
 
 pytestmark = pytest.mark.live
 
@@ -25,13 +22,6 @@ def base(monkeypatch: pytest.MonkeyPatch) -> Path:
     made = Path(fresh_folder())
     monkeypatch.setenv(RUNTIME_VARIABLE, str(made))
     return made
-
-
-@contextmanager
-def locked(path: Path) -> Iterator[None]:
-    with path.open("a") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield
 
 
 def failed(done: Done, code: int) -> str:

@@ -10,8 +10,6 @@ from armadico.config.hosts import Host, load_hosts, serial_port, unplaced
 from armadico.config.scenarios import society
 from armadico.core.config_errors import ConfigError
 
-DEMO = {"robot": 11, "lab1": 12, "lab2": 13}
-
 LAB = """\
 [robot]
 router = "tcp/10.0.0.2:7447"
@@ -39,17 +37,6 @@ def test_the_shipped_table_opens_no_port_and_runs_every_agent() -> None:
     assert table.host("localhost").addresses == ()
     assert (table.robots_host, table.robots_router) == ("localhost", None)
     assert table.fleet == ()
-
-
-def test_the_demos_table_is_three_hosts_that_run_every_agent_between_them() -> None:
-    table = load_hosts("demo")
-    hosts = table.hosts
-    assert {name: host.addresses for name, host in hosts.items()} == {
-        name: (f"10.77.0.{number}",) for name, number in DEMO.items()
-    }
-    assert (table.robots_host, table.robots_router) == ("robot", "tcp/10.77.0.11:7447")
-    every = [agent for host in hosts.values() for agent in host.agents]
-    assert {*every} == {society().robot, *society().agents, *society().watch}
 
 
 def test_a_table_is_a_file_or_a_shipped_name(
@@ -155,11 +142,3 @@ def test_the_controller_of_a_hosts_robot_agent(tmp_path: Path) -> None:
 
 def test_who_is_nobodys_is_found(tmp_path: Path) -> None:
     assert unplaced(("robot", "goto", "avoid"), load_hosts(lab(tmp_path))) == ("avoid",)
-
-
-def test_a_host_is_at_its_address_and_its_routers(tmp_path: Path) -> None:
-    table = load_hosts(lab(tmp_path))
-    addresses = {name: host.addresses for name, host in table.hosts.items()}
-    assert addresses == {"robot": ("10.0.0.2",), "lab1": ("fe80::1",), "desk": ()}
-    both = LAB.replace("[robot]", "[robot]\naddress = 'robot.local'")
-    assert load_hosts(lab(tmp_path, both)).host("robot").addresses == ("10.0.0.2", "robot.local")

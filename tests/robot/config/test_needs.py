@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from armadico.config.needs import needs, tasks
@@ -39,11 +37,3 @@ def test_an_unknown_task_is_told_with_the_nearest() -> None:
     with pytest.raises(ConfigNameError) as caught:
         needs(["mvoe"])
     assert (caught.value.kind, caught.value.near) == ("task", "move")
-
-
-def test_a_table_that_is_like_nothing_is_refused_with_file_and_line(tmp_path: Path) -> None:
-    file = tmp_path / "needs.toml"
-    file.write_text("[move]\nlike = ['dirve']\n[drive]\n")
-    with pytest.raises(ConfigNameError) as caught:
-        needs(["move"], file)
-    assert (caught.value.file, caught.value.line, caught.value.name) == (str(file), 2, "dirve")

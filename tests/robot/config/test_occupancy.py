@@ -29,16 +29,15 @@ free_thresh: 0.196   # not used
 PICTURE = np.array([[254, 0, 0], [254, 254, 0], [205, 254, 254]], dtype=np.uint8)
 
 
-def write(folder: Path, text: str = YAML, image: str = "room.pgm") -> Path:
-    Image.fromarray(PICTURE).save(folder / image)
+def write(folder: Path, text: str = YAML) -> Path:
+    Image.fromarray(PICTURE).save(folder / "room.pgm")
     file = folder / "room.yaml"
     file.write_text(text)
     return file
 
 
-@pytest.mark.parametrize("image", ["room.pgm", "room.png"])
-def test_the_border_of_occupied_cells_becomes_long_walls(tmp_path: Path, image: str) -> None:
-    world = load_world(write(tmp_path, YAML.replace("room.pgm", image), image))
+def test_the_border_of_occupied_cells_becomes_long_walls(tmp_path: Path) -> None:
+    world = load_world(write(tmp_path))
     assert world.name == "room"
     assert world.bounds == (-1.0, 2.0, 0.5, 3.5)
     assert sorted(world.walls) == [
@@ -64,19 +63,6 @@ def test_nobody_stands_within_what_is_occupied(tmp_path: Path, turn: float) -> N
         x, y = 0.5 * column, 0.5 * row
         at = -1.0 + cos(turn) * x - sin(turn) * y, 2.0 + sin(turn) * x + cos(turn) * y
         assert world.clearance(*at) == pytest.approx(away)
-
-
-def test_a_turned_origin_turns_the_walls(tmp_path: Path) -> None:
-    turned = load_world(write(tmp_path, YAML.replace("0.0]", f"{pi / 2}]")))
-    straight = load_world(write(tmp_path))
-    for (x1, y1, x2, y2), (a1, b1, a2, b2) in zip(turned.walls, straight.walls, strict=True):
-        assert (x1 + 1.0, y1 - 2.0) == pytest.approx((-(b1 - 2.0), a1 + 1.0))
-        assert (x2 + 1.0, y2 - 2.0) == pytest.approx((-(b2 - 2.0), a2 + 1.0))
-
-
-def test_negate_makes_light_cells_walls(tmp_path: Path) -> None:
-    walls = load_world(write(tmp_path, YAML.replace("negate: 0", "negate: 1"))).walls
-    assert (-1.0, 3.5, -0.5, 3.5) in walls
 
 
 @given(hnp.arrays(np.bool_, hnp.array_shapes(min_dims=2, max_dims=2, max_side=8)))
@@ -112,11 +98,4 @@ def test_a_picture_of_noise_is_no_map(tmp_path: Path) -> None:
     noise = np.random.default_rng(1).integers(0, 255, (1000, 1000), dtype=np.uint8)
     Image.fromarray(noise).save(tmp_path / "room.pgm")
     with pytest.raises(ConfigError, match=r"room\.yaml: .*200,000"):
-        load_world(file)
-
-
-def test_a_map_without_a_place_to_be_is_refused(tmp_path: Path) -> None:
-    file = write(tmp_path)
-    Image.fromarray(np.zeros((40, 40), dtype=np.uint8)).save(tmp_path / "room.pgm")
-    with pytest.raises(ConfigError, match=r"room\.yaml: "):
         load_world(file)

@@ -14,7 +14,6 @@ from armadico.config.loading import resource_path
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import (
     Battery,
-    Scenario,
     _misplaced,
     blind,
     ideal,
@@ -30,17 +29,6 @@ from armadico.core.config_errors import ConfigError
 WITH_DOCKS = ["floor", "house", "offices", "surveillance"]
 
 
-def stops(scenario: Scenario) -> list[tuple[float, float]]:
-    poses = (scenario.start, *scenario.waypoints, scenario.goal)
-    return [pose[:2] for pose in poses if pose is not None]
-
-
-def leg_clearance(world: str, a: tuple[float, float], b: tuple[float, float]) -> float:
-    place = load_world(world)
-    steps = [i / 200 for i in range(201)]
-    return min(place.clearance(a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1])) for s in steps)
-
-
 def test_who_localizes_follows_the_sensors_unless_the_scenario_names_its_agents() -> None:
     everybody, spared = society().agents, set(society().ideal.without)
     sc1 = load_scenario("sc1")
@@ -51,20 +39,6 @@ def test_who_localizes_follows_the_sensors_unless_the_scenario_names_its_agents(
     assert with_sensors(named, "real").agents == named.agents
     with pytest.raises(ConfigError, match="no sensors 'rael'"):
         with_sensors(sc1, "rael")
-
-
-def test_a_straight_way_that_is_blocked_is_what_scenarios_2_and_3_are_about() -> None:
-    assert leg_clearance("sc1", (0.0, 0.0), (5.0, 1.0)) > 100.0
-    assert leg_clearance("sc2", (0.0, 0.0), (10.0, 0.0)) < 0.05
-    assert leg_clearance("sc3", (1.0, 0.5), (5.0, 0.6)) < 0.05
-
-
-def test_files_need_only_say_what_is_special() -> None:
-    scenario = load_scenario("sc1")
-    assert scenario.name == "sc1"
-    assert scenario.agents == ideal(Scenario(world="sc1", start=(0, 0, 0))).agents
-    assert (scenario.robot, scenario.sensors) == ("pioneer-2dx", "ideal")
-    assert (scenario.v_max, scenario.seed, scenario.waypoints) == (None, 0, ())
 
 
 # --- what is refused
@@ -85,17 +59,6 @@ def own(folder: Path, text: str = OWN) -> Path:
     file = folder / "own.toml"
     file.write_text(text)
     return file
-
-
-def test_a_file_of_ones_own_loads(tmp_path: Path) -> None:
-    scenario = load_scenario(str(own(tmp_path)))
-    assert (scenario.name, scenario.goal) == ("own", (8.0, 1.0, 0.0))
-
-
-def test_a_world_may_lie_beside_the_scenario(tmp_path: Path) -> None:
-    (tmp_path / "hall.map").write_text("2D-Map\nLineMaxPos: 9000 9000\nLineMinPos: 0 0\n")
-    scenario = load_scenario(own(tmp_path, OWN.replace("sc4", "hall.map")))
-    assert load_world(scenario.world).name == "hall"
 
 
 def test_files_count_from_the_scenarios_folder_not_from_where_it_is_run(

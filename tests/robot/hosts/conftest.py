@@ -19,6 +19,7 @@ from armadico.mesh.ports import free_port
 from armadico.mesh.sockets import RUNTIME_VARIABLE
 from armadico.mesh.topology import HOSTS_VARIABLE, NAMESPACE_VARIABLE, topology
 from armadico.mesh.zenoh import ZenohMesh
+from armadico.mobile.messages import MissionRequest, Waypoint
 from tests import programs
 from tests.programs import Done, Start, starter
 from tests.robot.society import SOON, Observer
@@ -146,6 +147,13 @@ def wait_for_line(process: subprocess.Popen[str], what: str) -> str:
         _, errors = process.communicate(timeout=SOON)
         raise AssertionError(f"{what!r} expected, not {line!r}: {errors}")
     return line
+
+
+def sent_off(observer: Observer) -> None:
+    """Send the robot a long way off as soon as there is a pose, and wait until it drives."""
+    request = MissionRequest(Waypoint(60.0, 0.0, 0.0), planned=False)
+    observer.client.request_mission(request, find=SOON, again=SOON)
+    observer.until(observer.driving, "the robot is on its way")
 
 
 def children(process: subprocess.Popen[str]) -> dict[str, psutil.Process]:

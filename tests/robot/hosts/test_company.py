@@ -8,7 +8,7 @@ import pytest
 
 from armadico.core.messages import PROTOCOL
 from tests.programs import Start
-from tests.robot.hosts.conftest import call, children
+from tests.robot.hosts.conftest import call
 from tests.robot.society import Observer
 
 pytestmark = pytest.mark.live
@@ -50,14 +50,6 @@ def test_of_two_that_start_in_one_instant_exactly_one_drives(
     assert f"process {stayed.pid} is the router" in printed
     assert "is open" not in printed, "it did not touch the port"
     assert len({state.cycle.epoch for state in observer.states}) == 1
-
-
-def test_a_killed_robot_agent_does_not_block_the_next(up: Start, observer: Observer) -> None:
-    process = up("robot")
-    observer.until(lambda: observer.states, "the robot talks")
-    epoch = observer.state.cycle.epoch
-    children(process)["robot"].kill()
-    observer.until(lambda: observer.state.cycle.epoch != epoch, "another talks")
 
 
 # One protocol -------------------------------------------------------------------------------------

@@ -8,9 +8,8 @@ from signal import SIGKILL, SIGSTOP
 import pytest
 
 from armadico.launch.processes import kill_trees
-from armadico.mobile.messages import MissionRequest, Waypoint
 from tests.programs import Start
-from tests.robot.hosts.conftest import SOON, children, write_table
+from tests.robot.hosts.conftest import SOON, children, sent_off, write_table
 from tests.robot.society import Observer
 
 pytestmark = pytest.mark.live
@@ -56,12 +55,6 @@ def table(table: Path, request: pytest.FixtureRequest) -> Path:
     """Another host table, before it is read."""
     write_table(table, request.param)
     return table
-
-
-def sent_off(observer: Observer) -> None:
-    request = MissionRequest(Waypoint(60.0, 0.0, 0.0), planned=False)
-    observer.client.request_mission(request, again=SOON)  # as soon as there is a pose
-    observer.until(observer.driving, "the robot is on its way")
 
 
 def instances(observer: Observer, name: str) -> set[str]:

@@ -9,9 +9,8 @@ import psutil
 import pytest
 
 from armadico.launch.processes import kill_trees
-from armadico.mobile.messages import MissionRequest, Waypoint
 from tests.programs import Start
-from tests.robot.hosts.conftest import AGENTS, ROBOT, SOON, children
+from tests.robot.hosts.conftest import AGENTS, ROBOT, children, sent_off
 from tests.robot.society import Observer
 
 pytestmark = pytest.mark.live
@@ -26,13 +25,6 @@ sensors = "ideal"
 OTHERS = [name for host, names in AGENTS.items() if host != ROBOT for name in names]
 
 
-def drives(observer: Observer) -> None:
-    """Send the robot a long way off, and wait until it drives."""
-    request = MissionRequest(Waypoint(60.0, 0.0, 0.0), planned=False)
-    observer.client.request_mission(request, find=SOON, again=SOON)
-    observer.until(observer.driving, "the robot is on its way")
-
-
 @pytest.mark.long
 def test_hosts_that_lose_the_robots_host_keep_all_their_processes_and_drive_on_with_the_next(
     start: Start, up: Start, observer: Observer, tmp_path: Path
@@ -45,7 +37,7 @@ def test_hosts_that_lose_the_robots_host_keep_all_their_processes_and_drive_on_w
         robots = up(ROBOT, str(scenario))
         observer.until(lambda: {ROBOT, *OTHERS} <= observer.names, "all see each other")
         kept = kept or {host: children(process) for host, process in hosts.items()}
-        drives(observer)
+        sent_off(observer)
         kill_trees(robots)
         observer.until(lambda: not observer.client.mesh.reachable, "the router is gone")
     for host, process in hosts.items():

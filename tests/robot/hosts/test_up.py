@@ -61,29 +61,6 @@ def test_a_second_wakeup_agent_of_a_host_ends_and_the_first_ones_agents_stay(
     }
 
 
-@pytest.mark.long
-def test_a_second_share_of_the_robots_host_finds_its_port_taken(up: Start) -> None:
-    """Another user's."""
-    first = up("robot")
-    second = call("up", "--host", "robot", on="another user")
-    assert second.returncode == 1
-    assert "robot ended with status 2" in second.stderr
-    assert "another process uses that port" in second.stderr
-    assert first.poll() is None
-
-
-@pytest.mark.long
-def test_a_second_robot_agent_of_a_machine_names_the_process_of_the_first(up: Start) -> None:
-    first = children(up("robot"))["robot"]
-    second = call("robot", "--host", "robot", program="armadico-agent")
-    assert second.returncode == 2
-    assert f"process {first.pid} is the router of the namespace {NAMESPACE!r} already" in (
-        second.stderr
-    )
-    assert "is open" not in second.stderr, "it did not touch the port"
-    assert first.is_running()
-
-
 def test_a_share_whose_robot_agent_finds_another_ends_and_names_it(
     start: Start, observer: Observer
 ) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from armadico.launch.pidfile import PidFile, Share, TakenError, shares
-from armadico.mesh.sockets import RUNTIME_VARIABLE, folder
+from armadico.mesh.sockets import RUNTIME_VARIABLE
 
 HOLDER = """
 import sys
@@ -28,28 +28,6 @@ def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def share(host: str = "lab1", namespace: str = "robot1") -> Share:
     return Share(1, host, namespace, ("goto", "avoid"), "somewhere")
-
-
-def test_what_is_up_can_be_read_as_long_as_it_is() -> None:
-    with PidFile("robot1", "lab1") as file:
-        assert list(shares("robot1")) == [], "it has said nothing yet"
-        file.write(share())
-        file.write(share())
-        assert list(shares("robot1")) == [share()]
-        assert list(shares("robot1", "lab1")) == [share()]
-        assert list(shares("robot1", "lab2")) == list(shares("robot2")) == []
-    assert list(shares("robot1")) == []
-    assert list(folder().iterdir()) == []
-
-
-def test_a_second_one_is_told_who_has_it_and_others_are_not_touched() -> None:
-    with PidFile("robot1", "lab1") as file:
-        file.write(share())
-        with pytest.raises(TakenError) as caught, PidFile("robot1", "lab1"):
-            pass
-        assert caught.value.share == share()
-        with PidFile("robot1", "lab2"), PidFile("robot2", "lab1"):
-            pass
 
 
 def test_what_a_killed_process_left_is_nobodys() -> None:

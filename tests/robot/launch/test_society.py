@@ -13,7 +13,6 @@ from armadico.config.scenarios import load_scenario
 from armadico.core.agent import Agent
 from armadico.core.discovery import AGENTS, agent_class, load
 from armadico.launch.society import (
-    Member,
     Options,
     members,
     mission,
@@ -21,7 +20,6 @@ from armadico.launch.society import (
     share,
     spare,
 )
-from armadico.mobile.messages import Waypoint
 
 SC4 = load_scenario("sc4")
 
@@ -31,20 +29,6 @@ def by_name(options: Options = Options(), scenario: object = SC4) -> dict[str, t
         member.name: member.sets
         for member in members(scenario, options, "tcp://127.0.0.1:1")  # type: ignore[arg-type]
     }
-
-
-def test_the_robot_agent_comes_first_and_then_the_scenarios_agents() -> None:
-    found = members(SC4, Options(), "memory:")
-    assert isinstance(found[0], Member)
-    assert [member.name for member in found] == ["robot", *SC4.agents]
-
-
-def test_each_is_told_what_it_must_know_of_the_scenario() -> None:
-    sets = by_name()
-    assert sets["robot"] == ("port=tcp://127.0.0.1:1", f"profile={SC4.robot}")
-    assert sets["encoder"] == ("x=3.4", "y=0.6", f"theta={pi / 2}")
-    assert sets["path-planning"] == ("world=sc4", f"profile={SC4.robot}")
-    assert sets["sonar"] == ("world=sc4", "namespace=robot1")
 
 
 @pytest.mark.parametrize(
@@ -101,23 +85,11 @@ def test_a_host_could_start_what_another_has_but_for_who_owns_a_device() -> None
     assert rest[: len(LAB.host("lab").agents)] == [*LAB.host("lab").agents]
 
 
-def test_whoever_is_not_wanted_is_left_out() -> None:
-    without = by_name(Options(without=("gothrough", "avoid")))
-    assert set(by_name()) - set(without) == {"gothrough", "avoid"}
-
-
 def test_a_controller_is_gotos_and_an_exchange_every_behaviours() -> None:
     sets = by_name(Options(controller="fast", exchange="abrupt"))
     assert sets["goto"] == ("controller=fast", "social.exchange=abrupt")
     assert sets["avoid"] == sets["gothrough"] == ("social.exchange=abrupt",)
     assert not any("exchange" in one for one in sets["encoder"])
-
-
-def test_a_scenarios_speed_limit_is_told_to_all_that_drive() -> None:
-    slow = msgspec.structs.replace(SC4, v_max=0.4)
-    sets = by_name(scenario=slow)
-    assert all("v_max=0.4" in sets[name] for name in ("goto", "avoid", "gothrough"))
-    assert not any("v_max" in one for one in sets["encoder"])
 
 
 def test_what_the_command_line_says_comes_after_the_set_and_wins() -> None:
@@ -127,23 +99,6 @@ def test_what_the_command_line_says_comes_after_the_set_and_wins() -> None:
     assert parameters.rules == "thesis"  # type: ignore[attr-defined]
     assert parameters.social.exchange == "abrupt"
     assert parameters.social.margin == 0.0
-
-
-@pytest.mark.parametrize("options", [Options(), Options(parameters="thesis")])
-def test_every_member_understands_what_it_is_told(options: Options) -> None:
-    for member in members(SC4, options, "memory:"):
-        kind = load(AGENTS, member.name, Agent)
-        assert isinstance(
-            load_parameters(kind.parameters, None, list(member.sets)), kind.parameters
-        )
-
-
-def test_a_planned_mission_leaves_the_way_to_the_planner() -> None:
-    on_query = mission(SC4)
-    assert on_query is not None
-    assert on_query.planned
-    assert on_query.waypoints == ()
-    assert on_query.goal == Waypoint(7.4, 0.7, -pi / 2)
 
 
 def test_a_mission_over_waypoints_brings_them() -> None:
@@ -157,7 +112,3 @@ def test_a_mission_over_waypoints_brings_them() -> None:
         (6.3, 2.4),
     ]
     assert on_query.waypoints[0].theta == pytest.approx(pi / 2)
-
-
-def test_without_a_goal_there_is_no_mission() -> None:
-    assert mission(msgspec.structs.replace(SC4, goal=None)) is None

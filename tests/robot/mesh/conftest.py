@@ -1,5 +1,5 @@
 """The meshes of the core's tests, virtual and real."""
 
-from tests.core.mesh.conftest import client, crowd, enter, join, route
+from tests.core.mesh.conftest import crowd, join, route
 
-__all__ = ["client", "crowd", "enter", "join", "route"]
+__all__ = ["crowd", "join", "route"]

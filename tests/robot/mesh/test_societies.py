@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import nan
 from typing import Any, ClassVar
 
 import pytest
@@ -14,25 +13,14 @@ from armadico.core.agent import Agent, Question
 from armadico.core.driver import Driver
 from armadico.core.membership import Stage
 from armadico.core.messages import (
-    LARGEST_PAYLOAD,
     PROTOCOL,
-    Ballot,
     Card,
-    Claim,
-    Cycle,
-    Log,
     Message,
     Stop,
-    protocols,
 )
-from armadico.core.outgoing import Publish
 from armadico.core.resources import WHEELS
-from armadico.launch.client import Client
-from armadico.launch.virtual_session import VirtualSession
-from armadico.mesh.virtual import VirtualMesh
-from armadico.mobile.messages import Plan, PlanRequest, Pose, Waypoint
-from armadico.runtime.process import AgentHost
-from tests.core.mesh.conftest import SOON, Crowd
+from armadico.mobile.messages import Plan, PlanRequest, Waypoint
+from tests.core.mesh.conftest import Crowd
 
 REQUEST = PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 2, 0.5))
 
@@ -129,14 +117,6 @@ def test_of_several_that_begin_at_once_one_stays(crowd: Crowd) -> None:
     assert alive(crowd) == {"encoder"}
 
 
-def test_among_agents_of_another_protocol_a_newcomer_is_refused(crowd: Crowd) -> None:
-    foreign = joined(crowd, Foreign)
-    why = refusal(crowd, start(crowd, Toy))
-    assert why.startswith(f"{foreign.agent.instance} (")
-    assert f"uses protocol {PROTOCOL + 1}, this agent {protocols()};" in why
-    assert alive(crowd) == {"foreign"}
-
-
 def test_where_an_owner_speaks_its_protocol_it_may_join_beside_another(crowd: Crowd) -> None:
     joined(crowd, Robot)
     joined(crowd, Foreign)
@@ -158,72 +138,3 @@ def test_a_joining_agent_gets_the_tokens_and_the_latched_states(
     assert crowd.until(
         lambda: ("stopping", first.agent.instance) in second.alive and has_stop(second)
     )
-
-
-def test_cards_and_queries_are_answered(crowd: Crowd) -> None:
-    toys = [joined(crowd, Toy), joined(crowd, Encoder)]
-    cards = crowd.client.cards(SOON)
-    assert set(cards) == {(d.agent.name, d.agent.instance) for d in toys}
-    for (name, instance), card in cards.items():
-        assert card is not None
-        assert (card.name, card.instance, card.speaks) == (name, instance, PROTOCOL)
-    instance = toys[0].agent.instance
-    assert crowd.client.query(REQUEST, SOON) == Plan((), refusal=f"{instance} does not plan")
-    card = crowd.client.card("toy", instance, SOON)
-    assert card is not None
-    assert card.provides == ("path/plan",)
-    assert crowd.client.card("toy", "toy-0", SOON) is None
-
-
-class Loud(Toy):
-    """Publishes on a stop claims that are invalid by numbers or size, and a valid one."""
-
-    name = "loud"
-    receives: ClassVar[tuple[type[Message], ...]] = (Stop,)
-
-    def on_stop(self, stop: Stop) -> None:
-        ballot, large = Ballot(1, 0.5, False, self.instance), bytes(LARGEST_PAYLOAD // 2)
-        claim = Claim("wheels", ballot, Cycle(1, 1), 0.5)
-        too_large = replace(claim, wanted=large, commanded=large)
-        key = WHEELS.utility_key_of(self.instance)
-        self.kernel.outbox += [Publish(key, each) for each in (too_large, claim)]
-        self.kernel.outbox += [
-            Publish("encoder/pose", Pose(Cycle(1, 1), x, 0, 0)) for x in (nan, 1.0)
-        ]
-
-
-def test_messages_that_cannot_be_decoded_are_dropped_and_logged(crowd: Crowd) -> None:
-    client = crowd.client
-    received: list[Any] = []
-    lines: list[Any] = []
-    client.listen(Claim, Pose, then=lambda message, _: received.append(message))
-    client.listen(Log, then=lambda message, _: lines.append(message))
-    driver = joined(crowd, Loud)
-    client.publish(Stop(1, True, "tester", 1))
-    assert crowd.until(lambda: received and isinstance(received[-1], Pose))
-    claim, pose = received
-    assert claim.wanted == ()
-    assert pose.x == 1.0
-    assert crowd.until(lambda: lines)
-    assert (
-        f"1 x on {WHEELS.utility_key_of(driver.agent.instance)}: Claim cannot be sent"
-        in lines[0].text
-    )
-    assert driver.started
-
-
-def test_a_host_of_agents_lives_on_the_virtual_mesh_too() -> None:
-    """Virtual only: live ones are processes (`test_processes`). It moves the clock by waiting."""
-    mesh = VirtualMesh(1)
-    node = mesh.add(Encoder(mesh.identity("encoder")))
-    client = Client(VirtualSession(mesh))
-    toy, second = Toy(mesh.identity("toy")), Encoder(mesh.identity("encoder", 1))
-    host = AgentHost([toy], VirtualSession(mesh, name="toy"), wall=lambda: 0.0)
-    mesh.call_at(2.0, lambda _a, _b: host.request_stop())
-    host.live()
-    assert mesh.now == pytest.approx(2.0)
-    assert host.drivers[0].started
-    assert client.wait_for(lambda: len(client.alive) == 2, 1.0)
-    late = AgentHost([second], VirtualSession(mesh, name="late"), wall=lambda: 0.0)
-    late.live()
-    assert f"another encoder agent is alive already: {node.agent.instance}" in late.refusal
