@@ -355,15 +355,6 @@ def test_the_command_reports_the_first_difference(
     assert [each["name"] for each in found if each["difference"]] == ["goto"]
 
 
-def test_the_command_writes_json(recording: Path, run: Callable[..., tuple[int, str, str]]) -> None:
-    found = json.loads(run(recording, "--agent", "goto", "--json")[1])
-    (goto,) = found["agents"]
-    assert goto["name"] == "goto"
-    assert goto["equal"] is True
-    assert goto["at"] == pytest.approx(0.0)
-    assert found["recorded"]["seed"] == str(SEED)
-
-
 def test_a_recording_without_journals_names_the_options_that_make_them(
     recording: Path, tmp_path: Path, run: Callable[..., tuple[int, str, str]]
 ) -> None:

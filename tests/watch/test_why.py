@@ -14,7 +14,6 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from armadico.bridge.p2os.commands import Cmd, command
 from armadico.config.scenarios import Scenario, ideal, load_scenario
 from armadico.core.exchange import Bid
 from armadico.core.messages import PROTOCOL, Ack, Cycle, RobotState, Stop
@@ -110,10 +109,6 @@ def foreign(society: Observed) -> None:
     goto.kernel.card = lambda: replace(card(), protocol=PROTOCOL + 1)  # type: ignore[method-assign]
 
 
-def sees_no_way(society: Observed) -> None:
-    society.agent("goto").propose = lambda *_: Bid(0.9, (0.0, 0.0), reason="shut in")
-
-
 def lost(society: Observed) -> None:
     """Corrections have a large covariance."""
 
@@ -125,10 +120,6 @@ def lost(society: Observed) -> None:
         society.mesh.call_at(society.mesh.now + 0.1, publish)
 
     publish(None, None)
-
-
-def motors_off(society: Observed) -> None:
-    society.run.robot.receive(command(Cmd.ENABLE, 0), society.mesh.now)
 
 
 def blind(society: Observed) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import pairwise
 
 import pytest
 
@@ -12,14 +11,12 @@ from armadico.mobile.messages import Truth
 from armadico.watch.page.session import TURN_S
 from armadico.watch.teleop.messages import Stick
 from armadico.watch.teleop.teleop import Teleop
-from tests.robot.robots import body
 from tests.watch.page.stage import Stage
 
 SEND_S = 0.1  # interval at which a page sends its stick
+
+
 # Acceleration of the wheels over the controller's ramps: see `tests.watch.test_teleop_launch`.
-MOTORS = 1.3
-
-
 class Hands(Stage):
     """Pages with sticks; `sticks` has the position by page."""
 
@@ -44,12 +41,6 @@ class Hands(Stage):
     def hold(self, browser: str, v: float, w: float) -> None:
         self.sticks[browser] = v, w
 
-    def release(self, browser: str) -> None:
-        self.sticks.pop(browser)
-        self.request(
-            browser, "stick", v=0.0, w=0.0, cycle=self.parts["motion"]["cycle"], held=False
-        )
-
     def go_on(self, condition: Callable[[], object], seconds: float = 30.0) -> None:
         end = self.mesh.now + seconds
         while not condition():
@@ -66,54 +57,14 @@ class Hands(Stage):
         return bool(hand["hand"] == browser and hand["holds"])
 
     @property
-    def driver(self) -> str | None:
-        driver: str | None = self.parts["wheels"]["obeyed"]
-        return driver
-
-    @property
     def v(self) -> float:
         v: float = self.parts["motion"]["v"]
         return v
-
-    def smooth(self) -> None:
-        robot = body()
-        for before, after in pairwise(self.truths):
-            passed = after.t - before.t
-            if passed > 0.0:
-                a, alpha = (after.v - before.v) / passed, (after.w - before.w) / passed
-                assert -MOTORS * robot.v_decel <= a <= MOTORS * robot.v_accel, before
-                assert abs(alpha) <= MOTORS * robot.w_accel, before
 
 
 @pytest.fixture
 def hands() -> Hands:
     return Hands()
-
-
-@pytest.mark.long
-def test_after_driving_by_hand_the_mission_continues_without_a_jerk(hands: Hands) -> None:
-    assert hands.answer(hands.request("page 1", "go", x=6.0, y=0.0))["ok"]
-    hands.go_on(lambda: hands.v > 0.3)
-    hands.hold("page 1", 0.5, 0.3)
-    hands.go_on(lambda: hands.holds("page 1"))
-    assert hands.driver == "teleop"
-    hands.go_on(lambda: hands.parts["motion"]["w"] > 0.15)
-    hands.release("page 1")
-    hands.go_on(lambda: hands.driver == "goto", 2.0)
-    hands.go_on(lambda: hands.parts["mission"]["state"] == "reached", 60.0)
-    hands.smooth()
-
-
-def test_the_first_of_two_pages_drives_until_it_releases_the_stick(hands: Hands) -> None:
-    hands.hold("page 1", 0.4, 0.0)
-    hands.go_on(lambda: hands.holds("page 1"))
-    hands.hold("page 2", -1.0, 0.0)
-    until = hands.mesh.now + 1.5
-    hands.go_on(lambda: hands.mesh.now > until)
-    assert hands.parts["hand"]["hand"] == "page 1"
-    assert hands.v > 0.1
-    hands.release("page 1")
-    hands.go_on(lambda: hands.holds("page 2"))
 
 
 def test_a_page_that_disconnects_releases_the_stick_immediately(hands: Hands) -> None:
@@ -124,36 +75,6 @@ def test_a_page_that_disconnects_releases_the_stick_immediately(hands: Hands) ->
     hands.run_for(0.1)
     assert not hands.published[-1].held
     hands.go_on(lambda: hands.parts["hand"]["hand"] == "" and hands.v == 0.0, 5.0)
-
-
-def test_the_stick_of_a_page_that_freezes_times_out_after_half_a_second(hands: Hands) -> None:
-    hands.hold("page 1", 0.4, 0.0)
-    hands.go_on(lambda: hands.holds("page 1"))
-    hands.sticks.clear()
-    frozen = hands.mesh.now
-    hands.go_on(lambda: hands.parts["hand"]["hand"] == "", 5.0)
-    assert 0.4 < hands.mesh.now - frozen < 0.9
-    hands.go_on(lambda: hands.v == 0.0, 5.0)
-
-
-def test_the_robot_stops_if_the_server_is_killed_while_a_page_drives(hands: Hands) -> None:
-    hands.hold("page 1", 1.0, 0.0)
-    hands.go_on(lambda: hands.v > 0.3)
-    hands.place.kill()
-    hands.mesh.run(hands.mesh.now + 3.0)
-    assert abs(hands.truths[-1].v) < 0.01
-    hands.smooth()
-
-
-def test_the_stop_has_priority_over_the_stick(hands: Hands) -> None:
-    hands.hold("page 1", 0.5, 0.0)
-    hands.go_on(lambda: hands.v > 0.2)
-    hands.request("page 2", "stop")
-    hands.go_on(lambda: hands.parts["stop"]["held"] and hands.v == 0.0)
-    until = hands.mesh.now + 2.0
-    hands.go_on(lambda: hands.mesh.now > until)
-    assert hands.v == 0.0
-    assert "page 2" in hands.parts["hand"]["note"]
 
 
 def test_a_stick_has_the_cycle_that_its_page_showed_and_no_later_one(hands: Hands) -> None:

@@ -180,12 +180,6 @@ def test_with_the_token_it_opens_and_the_token_is_not_repeated(locked: Place) ->
     assert locked.desk.may == [True]
 
 
-def test_a_page_of_another_server_is_refused_even_with_the_token(locked: Place) -> None:
-    with pytest.raises(InvalidStatus) as refused:
-        locked.open("http://evil.example", subprotocol(TOKEN))
-    assert refused.value.response.status_code == 403
-
-
 def _hello(opened: ClientConnection) -> str:
     return str(json.loads(opened.recv(SOON))["type"])
 

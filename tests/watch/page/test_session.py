@@ -127,16 +127,6 @@ def test_a_stop_is_sent_in_the_same_turn_and_held_when_the_robot_reports_it(
     assert abs(motion["w"]) <= REST_RAD_S
 
 
-def test_it_stays_stopped_when_another_browser_sets_a_goal(stage: Stage) -> None:
-    driving(stage)
-    stage.answer(stage.request("page 1", "stop"))
-    there = (stage.parts["motion"]["x"], stage.parts["motion"]["y"])
-    stage.answer(stage.request("page 2", "go", x=1.0, y=1.0))
-    stage.run_for(5.0)
-    assert stage.parts["stop"]["held"]
-    assert off(stage, *there) < 0.01
-
-
 def test_a_flood_of_requests_does_not_make_a_browser_one_that_may_drive(stage: Stage) -> None:
     stage.session.on_connect("looker", may=False)
     for _ in range(2 * EVENTS):  # more than are kept, before the session takes the first
@@ -166,17 +156,6 @@ def test_a_browser_without_the_token_stops_the_robot_and_can_do_nothing_else(sta
     stage.run_for(1.0)
     assert stage.parts["stop"]["held"]
     assert stage.answer(stage.request("page 1", "resume", press=press))["ok"]
-
-
-def test_within_400_ms_no_agent_commands_a_speed(stage: Stage) -> None:
-    """After that only the controller's ramp remains."""
-    commands: list[tuple[float, m.Command]] = []
-    stage.mesh.watch(lambda _, message, t: commands.append((t, message)), m.Command)
-    driving(stage)
-    begun = stage.mesh.now
-    stage.request("page 1", "stop")
-    stage.run_for(2.0)
-    assert not [c for t, c in commands if t > begun + 0.4 and any(c.action or ())]
 
 
 def test_a_resume_releases_the_shown_stop_and_the_robot_drives_on(stage: Stage) -> None:
@@ -240,10 +219,6 @@ def test_a_resume_cancels_an_unacknowledged_stop(stage: Stage) -> None:
     assert not stage.parts["stop"]["asked"]
 
 
-def test_a_robot_that_is_not_stopped_cannot_be_released(stage: Stage) -> None:
-    assert not stage.answer(stage.request("page 1", "resume", press="0"))["ok"]
-
-
 # Browsers -----------------------------------------------------------------------------------------
 
 
@@ -299,19 +274,6 @@ def test_an_invalid_request_is_refused(stage: Stage, data: str, named: str) -> N
     stage.run_for(0.1)
     assert not stage.shown.answers[-1]["ok"]
     assert named in stage.shown.answers[-1]["text"]
-
-
-@pytest.mark.parametrize(
-    ("do", "words"),
-    [
-        ("go", {"x": 1e9, "y": 0.0}),  # a typing error
-        ("set", {"instance": "goto-1", "name": "v_max", "json": "9" * 2001}),
-        ("set", {"instance": "goto-1", "name": "v_max", "json": "9" * 5000}),
-        ("fly", {}),
-    ],
-)
-def test_a_request_out_of_range_is_answered(stage: Stage, do: str, words: dict[str, Any]) -> None:
-    assert not stage.answer(stage.request("page 1", do, **words))["ok"]
 
 
 def test_a_stop_gets_through_a_flood_of_another_browser(stage: Stage) -> None:
@@ -370,19 +332,6 @@ def test_the_driving_agent_and_the_bids_of_the_others(stage: Stage) -> None:
     assert rows["goto"]["utility"] > 0.0
     stage.until(lambda: any(row.get("reason") for row in stage.parts["wheels"]["contenders"]))
     assert stage.parts["exchanges"][0]["to"] == "goto"
-
-
-def test_why_it_stands_has_the_cause(stage: Stage) -> None:
-    assert stage.parts["standing"]["cause"]["sort"] == "no goal"
-    stage.answer(stage.request("page 1", "stop"))
-    stage.run_for(0.2)
-    assert (stage.parts["standing"]["cause"]["sort"], stage.parts["standing"]["cause"]["who"]) == (
-        "stop",
-        "page 1",
-    )
-    stage.mesh.node("robot").kill()
-    stage.until(lambda: stage.parts["standing"]["cause"]["sort"] == "unreachable")
-    assert stage.parts["standing"]["cause"]["who"] == "robot"
 
 
 def test_a_supervised_agent_is_restarted_by_its_hosts_wakeup_agent() -> None:

@@ -16,7 +16,6 @@ from armadico.watch.assistant.assistant import LEARN_S
 from armadico.watch.assistant.policy.ledger import (
     BEGIN,
     Entry,
-    LogFile,
     against,
     check,
     lines_of,
@@ -191,11 +190,3 @@ def test_a_log_that_cannot_be_written_stops_everything_but_a_stop(tmp_path: Path
     assert told().startswith("nothing is allowed: the log ")
     counter.request("stop")
     assert counter.stops
-
-
-def test_a_log_file_is_only_appended_to(tmp_path: Path) -> None:
-    log = LogFile(tmp_path / "log")
-    first = log.append(Entry(0, "", "asked", "model"))
-    second = log.append(Entry(0, "", "asked", "model"))
-    assert (first.entries, second.entries) == (1, 2)
-    assert first.head != second.head
