@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from armadico.config.scenarios import Scenario
 from armadico.core.messages import BidHistory, Card, encode
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
@@ -20,9 +19,9 @@ from tests.watch.observed import LINE
 
 
 @contextmanager
-def recorded(path: Path, scenario: Scenario = LINE) -> Iterator[Rehearsal]:
+def recorded(path: Path, run: Rehearsal | None = None) -> Iterator[Rehearsal]:
     """A society that is not started yet, and recorded to a file."""
-    run = Rehearsal(scenario, Options(seed=4))
+    run = run or Rehearsal(LINE, Options(seed=4))
     with Recorded(run.mesh, path, run.namespace):
         yield run
 

@@ -16,6 +16,8 @@ from armadico import cli
 from armadico.config.scenarios import load_scenario
 from armadico.config.shipped import find
 from armadico.core.messages import PROTOCOL, Point, Stop, encode
+from armadico.launch.society import Options
+from armadico.launch.virtual import Rehearsal
 from armadico.mobile.messages import MissionState, MissionStatus, Trajectory, Waypoint
 from armadico.observe.watching import Received
 from armadico.watch.recorder import Recording
@@ -100,7 +102,7 @@ def test_a_path_through_a_wall_of_the_map_that_the_agents_name_is_broken(
     audit: Audit, tmp_path: Path
 ) -> None:
     path = tmp_path / "run.mcap"
-    with recorded(path, load_scenario("sc4")) as run:
+    with recorded(path, Rehearsal(load_scenario("sc4"), Options(seed=4))) as run:
         run.start()
         run.mesh.run(1.0)
         end = Waypoint(run.scenario.start[0] + 50.0, run.scenario.start[1], 0.0)
@@ -129,9 +131,10 @@ def test_by_a_map_of_the_same_name_that_the_agents_have_not_the_paths_are_not_ju
 ) -> None:
     """The shipped map is another one than the robot's own of its name."""
     path = tmp_path / "run.mcap"
-    with recorded(path) as run:
-        for name in ("sonar", "path-planning"):
-            object.__setattr__(run.mesh.node(name).agent.identity, "map", "89abcdef")
+    run = Rehearsal(LINE, Options(seed=4))
+    for name in ("sonar", "path-planning"):
+        object.__setattr__(run.mesh.node(name).agent.identity, "map", "89abcdef")
+    with recorded(path, run):
         run.start()
         run.begin()
         run.mesh.run(5.0)
