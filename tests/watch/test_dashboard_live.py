@@ -180,19 +180,6 @@ def starting(world: str) -> Start:
 
 @pytest.mark.long
 @pytest.mark.live
-def test_beside_a_run_it_prints_its_link_and_ends_with_it(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    with Dashboard(dashboard=True).beside(starting("sc1")):
-        page = capsys.readouterr().err.removeprefix(LINK).strip()
-        with urllib.request.urlopen(page, timeout=20) as answer:
-            assert answer.status == 200
-    with pytest.raises(urllib.error.URLError):
-        urllib.request.urlopen(page, timeout=20)
-
-
-@pytest.mark.long
-@pytest.mark.live
 def test_a_run_waits_for_a_viewer_and_its_dashboard_stays_until_ctrl_c(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

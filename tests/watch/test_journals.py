@@ -210,13 +210,6 @@ def test_a_recording_of_several_files_is_read_as_one(tmp_path: Path) -> None:
     assert len([*journal.frames]) == 3
 
 
-def test_a_recording_of_another_protocol_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    Recording(path, {"protocol": str(PROTOCOL + 1), "version": "9"}).close()
-    with pytest.raises(RecordingError, match=f"{PROTOCOL + 1}.* {PROTOCOL}"):
-        Past(path, pytest.fail).check()
-
-
 def test_a_recording_of_another_program_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     McapFile(path, {}, "ros2").close()

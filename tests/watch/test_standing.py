@@ -56,26 +56,6 @@ def test_a_robot_that_stays_lost_by_laser_is_told_how_to_measure_the_mounting_of
         assert found.todo.count("`armadico mounting`") == told
 
 
-def test_the_chain_ends_at_the_agent_that_is_not_alive() -> None:
-    society = Observed().drive()
-    society.mesh.node("sonar").kill()
-    found = society.let_pass(3.0).standing
-    assert found.cause is not None
-    assert (found.cause.sort, found.cause.who) == (Sort.ABSENT, "sonar")
-    assert any("goto" in each and "sonar/obstacles" in each for each in found.sentences)
-
-
-def test_while_the_robots_router_cannot_be_reached_that_is_the_cause() -> None:
-    society = Observed().drive()
-    society.view.router(there=False, t=society.mesh.now)
-    found = standing(society.view, society.mesh.now + 4.0)
-    assert found.cause is not None
-    assert (found.cause.sort, found.cause.who) == (Sort.UNREACHABLE, "robot")
-    assert "for 4.0 s" in found.cause.what
-    society.view.router(there=True, t=society.mesh.now + 4.0)
-    assert society.standing.cause is None
-
-
 def test_a_new_observer_names_the_installed_agent_that_provides_the_missing_key() -> None:
     """It has no card of an agent that ended before."""
     society = Observed().drive()
@@ -223,19 +203,6 @@ def test_an_agent_that_has_just_started_has_not_failed_yet() -> None:
         assert cause is not None
         sorts.append(cause.sort)
     assert sorts == [Sort.STARTING, Sort.STARTING, Sort.DEVICE]
-
-
-def test_a_fault_on_the_robot_agents_card_is_quoted() -> None:
-    known = Observed().view
-    robot = next(each for each in known.agents if each.name == "robot")
-    assert robot.card is not None
-    view = View()
-    view.token(robot.instance, there=True, t=0.0)
-    view.learn(replace(robot.card, fault="Rob is a p3dx, and not a p2dx"), 100.0)
-    found = standing(view, 100.1)
-    assert found.cause is not None
-    assert found.cause.sort is Sort.DEVICE
-    assert "not a p2dx" in found.cause.what
 
 
 def test_an_input_that_has_just_returned_is_not_reported_as_missing() -> None:

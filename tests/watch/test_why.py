@@ -19,7 +19,7 @@ from armadico.core.exchange import Bid
 from armadico.core.messages import PROTOCOL, Ack, Cycle, RobotState, Stop
 from armadico.core.resources import WHEELS, Resource, declare
 from armadico.mesh.link_faults import WHOLE
-from armadico.mobile.messages import Correction, MissionRequest, Waypoint
+from armadico.mobile.messages import MissionRequest, Waypoint
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe.findings import Finding, Sort
 from armadico.watch.why import Chronicle
@@ -109,19 +109,6 @@ def foreign(society: Observed) -> None:
     goto.kernel.card = lambda: replace(card(), protocol=PROTOCOL + 1)  # type: ignore[method-assign]
 
 
-def lost(society: Observed) -> None:
-    """Corrections have a large covariance."""
-
-    def publish(_a: object, _b: object) -> None:
-        state = society.view.state
-        assert state is not None
-        wide = (4.0, 0.0, 0.0, 4.0, 0.0, 1.0)
-        society.mesh.publish(Correction(state.cycle, 0, 0, 0, wide, 0.0))
-        society.mesh.call_at(society.mesh.now + 0.1, publish)
-
-    publish(None, None)
-
-
 def blind(society: Observed) -> None:
     """The sonar agent reports that nothing is near, whatever it receives."""
     sonar, robot = society.agent("sonar"), society.agent("robot")
@@ -166,10 +153,6 @@ def driven_by(name: str, scene: str) -> Callable[[Path], Observed]:
     return begin
 
 
-def without(name: str) -> Scenario:
-    return replace(LINE, agents=tuple(agent for agent in LINE.agents if agent != name))
-
-
 def scenario(name: str, *agents: str) -> Scenario:
     """A shipped scenario with ideal sensors, and with these agents, if any are named."""
     found = ideal(load_scenario(name))
@@ -193,12 +176,9 @@ def nothing(_: Observed) -> None:
 
 INCIDENTS: dict[str, Incident] = {
     "hung sonar": Incident(hang("sonar"), Sort.SILENT, "sonar"),
-    "dead encoder": Incident(kill("encoder"), Sort.ABSENT, "encoder"),
     "stale pose": Incident(late_to_the_encoder, Sort.STALE, "encoder"),
-    "hung goto": Incident(hang("goto"), Sort.SILENT, "goto"),
     "commands beyond the limits": Incident(bids(50.0), Sort.REFUSED, "goto"),
     "another protocol": Incident(foreign, Sort.FOREIGN, "goto", seconds=6.0),
-    "cut to the robot": Incident(cut(("goto",), ("robot",)), Sort.LINK, "goto -> robot"),
     "lost on the way to the behaviours": Incident(
         lost_between("encoder", "goto", "avoid"), Sort.LINK, "encoder -> avoid"
     ),

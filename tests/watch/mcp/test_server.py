@@ -22,7 +22,6 @@ from armadico.mobile.messages import MissionState, MissionStatus
 from armadico.observe.watching import Clock
 from armadico.watch.assistant.messages import Against, AssistantReply, AssistantRequest
 from armadico.watch.assistant.policy.messages import Approvals
-from armadico.watch.assistant.tools import REHEARSE, TOOLS
 from armadico.watch.mcp import server
 from armadico.watch.mcp.answers import Society
 from armadico.watch.mcp.lines import LONGEST, Call, Lines
@@ -485,9 +484,8 @@ def test_a_slow_call_of_one_client_does_not_delay_the_question_after_another_one
 
 
 def test_a_rehearsal_delays_no_other_call_and_there_is_one_at_a_time(
-    house: Gazetteer, monkeypatch: pytest.MonkeyPatch, busy: threading.Event
+    house: Gazetteer, busy: threading.Event
 ) -> None:
-    monkeypatch.setitem(TOOLS, "rehearse", REHEARSE)
     errands: list[object] = []
 
     def rehearse(errand: object, *, samples: int, **_: object) -> dict[str, object]:
@@ -529,13 +527,11 @@ def test_a_rehearsal_delays_no_other_call_and_there_is_one_at_a_time(
 )
 def test_what_the_policy_has_against_a_goal_is_told_with_its_rehearsal(
     house: Gazetteer,
-    monkeypatch: pytest.MonkeyPatch,
     why: str,
     against: Against,
     virtual: str,
     answer: str,
 ) -> None:
-    monkeypatch.setitem(TOOLS, "rehearse", REHEARSE)
 
     def rehearse(*_: object, **__: object) -> dict[str, object]:
         return {"says": "driven", "small": {"answer": virtual, "says": "driven"}}
@@ -561,9 +557,8 @@ def test_what_the_policy_has_against_a_goal_is_told_with_its_rehearsal(
     ],
 )
 def test_no_rehearsal_of_something_else_than_was_asked_for(
-    house: Gazetteer, monkeypatch: pytest.MonkeyPatch, arguments: dict[str, Any], why: str
+    house: Gazetteer, arguments: dict[str, Any], why: str
 ) -> None:
-    monkeypatch.setitem(TOOLS, "rehearse", REHEARSE)
     errands: list[object] = []
 
     def rehearse(errand: object, **_: object) -> dict[str, object]:

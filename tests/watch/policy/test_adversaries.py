@@ -20,7 +20,6 @@ from armadico.watch.assistant.messages import Against, AssistantReply, Assistant
 from armadico.watch.assistant.policy.ledger import check, lines_of
 from armadico.watch.assistant.policy.messages import Approvals
 from armadico.watch.assistant.policy.policy import BY_SONARS, load, read
-from armadico.watch.assistant.tools import REHEARSE, TOOLS
 from tests.watch.policy.house import HOUSE, House
 
 WORLD = load_world("house")
@@ -230,9 +229,8 @@ def test_a_distance_from_people_that_sonars_cannot_tell_is_warned_of(
     ],
 )
 def test_a_rehearsal_tells_what_the_policy_has_against_it_and_nothing_begins(
-    policy: str, against: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    policy: str, against: str, tmp_path: Path
 ) -> None:
-    monkeypatch.setitem(TOOLS, "rehearse", REHEARSE)
     house = House(policy, tmp_path).let_pass(3.0)
     reply = house.asks("rehearse", x=6.9, y=2.0)
     assert (reply.refusal, reply.mission, reply.approval) == ("", 0, 0)

@@ -29,7 +29,6 @@ from armadico.watch.assistant.policy.messages import (
     Choice,
     Ledger,
 )
-from armadico.watch.assistant.tools import REHEARSE, TOOLS
 from armadico.watch.mcp.guest import MCP
 from tests.watch.test_assistant import STOPPED, Counter
 
@@ -201,15 +200,10 @@ def test_what_has_changed_meanwhile_counts(tmp_path: Path) -> None:
     ],
 )
 def test_a_rehearsal_of_what_is_approved_for_always_says_that_no_person_is_asked(
-    tool: str,
-    order: str,
-    trial: dict[str, object],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    tool: str, order: str, trial: dict[str, object], tmp_path: Path
 ) -> None:
     if tool == "mission":
         pytest.importorskip("armadico.agents.missions")
-    monkeypatch.setitem(TOOLS, "rehearse", REHEARSE)
     desk = Desk(tmp_path, f'[default]\napproval = ["{tool}"]\n', log=str(tmp_path / "log"))
     desk.pass_s(LEARN_S)
     first = desk.request("rehearse", **trial)

@@ -23,7 +23,6 @@ from armadico.mobile.obstacles import Obstacles
 from armadico.watch.assistant.assistant import BESIDE_S, BUSY, LEARN_S, TAKEN_BACK
 from armadico.watch.assistant.messages import AssistantReply, AssistantRequest
 from armadico.watch.assistant.policy.messages import Approvals, Choice
-from armadico.watch.assistant.tools import REHEARSE, TOOLS
 from tests.watch.policy.house import NOON
 from tests.watch.policy.test_approvals import Desk
 from tests.watch.test_assistant import STOPPED, Counter
@@ -324,9 +323,8 @@ def test_a_goal_whose_path_is_planned_for_the_policy_is_taken_back_by_its_client
 
 
 def test_a_rehearsal_keeps_no_order_waiting_and_is_none_that_can_be_cancelled(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
-    monkeypatch.setitem(TOOLS, "rehearse", REHEARSE)
     watched = Watched(tmp_path)
     path = Plan((Waypoint(1.0, 1.5, 0.0), Waypoint(4.0, 1.5, 0.0)))
 
@@ -348,10 +346,7 @@ def test_a_rehearsal_keeps_no_order_waiting_and_is_none_that_can_be_cancelled(
     assert watched.replies[number] == AssistantReply()
 
 
-def test_a_rehearsal_at_the_start_keeps_no_order_waiting(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(TOOLS, "rehearse", REHEARSE)
+def test_a_rehearsal_at_the_start_keeps_no_order_waiting(tmp_path: Path) -> None:
     desk = Desk(tmp_path, POLICY)
     assert desk.request("rehearse", x=4, y=1.5) is None
     assert desk.request("goto", x=4, y=1.5) is None, "no refusal"
