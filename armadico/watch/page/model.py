@@ -271,7 +271,6 @@ class Robot:
 
 def drawn(world: World) -> JsonObject:
     return {
-        "name": world.name,
         "bounds": rounded(world.bounds),
         "walls": rounded(world.walls),
         "columns": rounded(world.columns),
@@ -279,7 +278,6 @@ def drawn(world: World) -> JsonObject:
         "unseen": None if world.unseen is None else _unseen(world.unseen),
         "rooms": [[room.name, room.x1, room.y1, room.x2, room.y2] for room in world.rooms],
         "docks": {name: list(pose) for name, pose in world.docks.items()},
-        "goals": {name: list(pose) for name, pose in world.goals.items()},
     }
 
 

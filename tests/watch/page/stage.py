@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+from base64 import urlsafe_b64encode
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import inf
@@ -20,12 +21,19 @@ from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.launch.virtual_session import VirtualSession
 from armadico.mesh.ports import LOOPBACK
-from armadico.watch.page.guard import Guard
+from armadico.watch.page.guard import TOKEN_PREFIX, Guard
 from armadico.watch.page.model import Robot
 from armadico.watch.page.server import Server
 from armadico.watch.page.session import TURN_S, Session
 
 HOME = "robot1"
+
+
+def subprotocol(token: str) -> str:
+    """A token as the page's script offers it."""
+    return TOKEN_PREFIX + urlsafe_b64encode(token.encode()).decode().rstrip("=")
+
+
 PACE_S = 0.006  # real duration of a turn (0.05 s of the society), so that browsers can follow
 SLOW_S = 0.001  # duration of a turn while a browser must observe a short event
 

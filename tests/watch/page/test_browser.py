@@ -23,13 +23,13 @@ from armadico.config.map_graphs import message_of as graph_message
 from armadico.core import messages as m
 from armadico.mesh.ports import LOOPBACK
 from armadico.mobile.messages import MapGraph
-from armadico.watch.page.guard import PROTOCOL, Guard, subprotocol
+from armadico.watch.page.guard import PROTOCOL, Guard
 from armadico.watch.page.server import MOST, Server
 from armadico.watch.page.session import TURN_S
 from armadico.watch.teleop.messages import Stick
 from armadico.watch.teleop.teleop import Teleop
 from tests.watch.browser import Browser, executable
-from tests.watch.page.stage import HOME, Served, served
+from tests.watch.page.stage import HOME, Served, served, subprotocol
 
 pytestmark = [
     pytest.mark.live,

@@ -10,7 +10,6 @@ from armadico.watch.page.guard import (
     GuardError,
     bearer,
     is_loopback,
-    subprotocol,
     token_in,
 )
 
@@ -88,7 +87,6 @@ def test_short_tokens_and_tokens_that_are_not_ascii_are_refused(token: str, name
 
 
 def test_a_token_as_subprotocol() -> None:
-    assert token_in(["armadico.page", subprotocol(TOKEN)]) == TOKEN
     assert token_in(["armadico.page"]) is None
     assert not OPEN.may(token_in(["token.%%%"]))
 

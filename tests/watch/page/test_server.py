@@ -21,7 +21,7 @@ from websockets.typing import Origin, Subprotocol
 
 from armadico.mesh.ports import LOOPBACK
 from armadico.watch.page import server
-from armadico.watch.page.guard import PROTOCOL, Guard, subprotocol
+from armadico.watch.page.guard import PROTOCOL, Guard
 from armadico.watch.page.server import (
     CONNECTIONS,
     MOST,
@@ -32,6 +32,7 @@ from armadico.watch.page.server import (
     ServerError,
     web_files,
 )
+from tests.watch.page.stage import subprotocol
 
 SOON = 20.0
 TOKEN = "0123456789abcdef0123"
