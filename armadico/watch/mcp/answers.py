@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Mapping
-from math import ceil, cos, degrees, hypot, pi, sin
+from math import ceil, degrees, hypot, pi
 from typing import Final
 
 import msgspec
@@ -16,6 +16,7 @@ from armadico.config.named import Gazetteer
 from armadico.config.worlds import Segment
 from armadico.core.messages import Message
 from armadico.core.resources import WHEELS
+from armadico.mobile.geometry import to_world
 from armadico.mobile.messages import MissionStatus
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe import described
@@ -162,11 +163,10 @@ class Society(Chronicle):
         pose = self.view.pose
         if pose is None:
             return
-        c, s = cos(pose.theta), sin(pose.theta)
         for message in self.view.newest.values():
             if isinstance(message, Obstacles):
                 for p in message.points:
-                    yield pose.x + c * p.x - s * p.y, pose.y + s * p.x + c * p.y
+                    yield to_world((pose.x, pose.y, pose.theta), p.x, p.y)
 
     def who(self) -> JsonObject:
         """Return the agents that are alive."""
