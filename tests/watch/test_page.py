@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import signal
-import socket
 import subprocess
 import sys
 import urllib.error
@@ -16,7 +15,6 @@ from pathlib import Path
 import psutil
 import pytest
 
-from armadico.cli import main as armadico
 from armadico.cli.additions import Start
 from armadico.cli.options import Mesh
 from armadico.config.scenarios import load_scenario
@@ -27,22 +25,6 @@ from armadico.watch.commands.page_option import OfRun
 from tests.programs import SOON, starter
 
 LINK = re.compile(r"page: (http://\S+?:(\d+)/)(?:#token=(\S+))?(?: \(also at .*\))?\n")
-
-
-def refusal(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
-    return armadico(["page", *words]), capsys.readouterr().err
-
-
-@pytest.mark.live
-def test_a_port_that_is_taken_is_named_with_what_to_do(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        code, said = refusal(capsys, f"--port={port}")
-    assert code == 1
-    assert f"cannot listen on 127.0.0.1, port {port}" in said
-    assert "--port 0" in said
 
 
 def page_of(process: subprocess.Popen[str]) -> str:

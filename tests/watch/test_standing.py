@@ -56,22 +56,10 @@ def test_a_robot_that_stays_lost_by_laser_is_told_how_to_measure_the_mounting_of
         assert found.todo.count("`armadico mounting`") == told
 
 
-def test_a_new_observer_names_the_installed_agent_that_provides_the_missing_key() -> None:
+def test_a_new_observer_names_the_installed_agent_or_the_host_that_provides_the_missing_key() -> (
+    None
+):
     """It has no card of an agent that ended before."""
-    society = Observed().drive()
-    society.mesh.node("sonar").kill()
-    society.let_pass(3.0)
-    society.chronicle = Chronicle()
-    society.let_pass(2.0)
-    unknown = society.standing.cause
-    known = standing(society.view, society.mesh.now, Demand(installed=providers)).cause
-    assert unknown is not None
-    assert known is not None
-    assert (unknown.sort, unknown.who) == (Sort.ABSENT, "sonar/obstacles")
-    assert (known.sort, known.who) == (Sort.ABSENT, "sonar")
-
-
-def test_a_host_of_the_table_without_agents_is_named_with_the_command_to_start_it() -> None:
     society = Observed().drive()
     society.mesh.node("sonar").kill()
     society.let_pass(3.0)
@@ -79,12 +67,20 @@ def test_a_host_of_the_table_without_agents_is_named_with_the_command_to_start_i
     society.let_pass(2.0)
     here = [name for name in society.view.names if name != "sonar"]
     table = {"lab1": here, "lab2": ("sonar",)}
-    found = standing(society.view, society.mesh.now, Demand(table, "a1b2", providers))
-    assert found.cause is not None
-    assert (found.cause.sort, found.cause.who) == (Sort.HOST, "lab2")
-    assert "lab2" in found.sentences[-1]
-    assert "sonar" in found.sentences[-1]
-    assert "`armadico up --host lab2`" in found.cause.todo
+
+    def cause(demand: Demand) -> Finding:
+        found = standing(society.view, society.mesh.now, demand).cause
+        assert found is not None
+        return found
+
+    unknown, known = cause(Demand()), cause(Demand(installed=providers))
+    assert (unknown.sort, unknown.who) == (Sort.ABSENT, "sonar/obstacles")
+    assert (known.sort, known.who) == (Sort.ABSENT, "sonar")
+    host = cause(Demand(table, "a1b2", providers))
+    assert (host.sort, host.who) == (Sort.HOST, "lab2")
+    assert "lab2" in host.what
+    assert "sonar" in host.what
+    assert "`armadico up --host lab2`" in host.todo
 
 
 def test_if_no_agent_is_alive_the_hosts_of_the_table_are_named() -> None:

@@ -19,7 +19,6 @@ from armadico.core.exchange import Bid
 from armadico.core.messages import PROTOCOL, Ack, Cycle, RobotState, Stop
 from armadico.core.resources import WHEELS, Resource, declare
 from armadico.mesh.link_faults import WHOLE
-from armadico.mobile.messages import MissionRequest, Waypoint
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe.findings import Finding, Sort
 from armadico.watch.why import Chronicle
@@ -130,10 +129,6 @@ def heedless(society: Observed) -> None:
     goto.propose = lambda *_: Bid(1.0, (0.7, 0.0), critical=True)
 
 
-def into_the_wall(society: Observed) -> None:
-    society.mesh.query(MissionRequest(Waypoint(0.0, 0.0, 0.0)), lambda _: None)
-
-
 def shipped(name: str, seconds: float, *agents: str) -> Callable[[Path], Observed]:
     return lambda _: Observed(scenario=scenario(name, *agents)).drive(seconds)
 
@@ -181,12 +176,6 @@ INCIDENTS: dict[str, Incident] = {
     "another protocol": Incident(foreign, Sort.FOREIGN, "goto", seconds=6.0),
     "lost on the way to the behaviours": Incident(
         lost_between("encoder", "goto", "avoid"), Sort.LINK, "encoder -> avoid"
-    ),
-    "goal in a wall": Incident(
-        into_the_wall,
-        Sort.REFUSED_GOAL,
-        "",
-        begin=lambda _: Observed(scenario=load_scenario("rooms-a")),
     ),
     "shut door": Incident(nothing, Sort.NO_WAY, "", seconds=25.0, begin=behind_a_door),
     "outbid": Incident(

@@ -7,7 +7,6 @@ import pytest
 from armadico.core.messages import Cycle, RobotState, Stop
 from armadico.launch.client import SILENCE_S
 from armadico.mobile.messages import MissionState, MissionStatus
-from armadico.watch.assistant.messages import AssistantRecord, AssistantReply, AssistantRequest
 from armadico.watch.mcp.answers import Society
 from armadico.watch.mcp.waiting import Wait
 
@@ -59,18 +58,6 @@ def test_the_report_on_an_older_goal_is_not_the_end_of_this_one() -> None:
     found = waits.end(society(older, at=1.0 + SILENCE_S), 1.1 + SILENCE_S)
     assert found is not None
     assert found["end"] == "superseded", "it never came"
-
-
-def test_a_goal_that_another_one_replaced_names_who_ordered_that() -> None:
-    waits, replaced = wait(), society(DRIVING)
-    assert waits.end(replaced, 1.5) is None
-    request = AssistantRequest("goto", "{}", "another model")
-    replaced.update("assistant/record", AssistantRecord(1, request, AssistantReply(mission=8)), 2.0)
-    replaced.update("mission/status", MissionStatus(OTHER, MissionState.DRIVING, 4.0), 2.0)
-    found = waits.end(replaced, 2.0)
-    assert found is not None
-    assert found["end"] == "superseded"
-    assert "another model" in str(found["text"])
 
 
 def test_a_stop_ends_the_wait_since_only_a_person_ends_the_stop() -> None:

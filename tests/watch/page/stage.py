@@ -125,6 +125,10 @@ class Stage:
         self.until(there, seconds)
         return found[-1]
 
+    def ask(self, browser: str, do: str, **words: Any) -> dict[str, Any]:
+        """The answer to a request."""
+        return self.answer(self.request(browser, do, **words))
+
     def ready(self) -> None:
         """Wait until all agents are alive and have answered queries."""
         self.session.on_connect("page 1")

@@ -93,11 +93,10 @@ def test_the_page_starts_a_missing_teleop_agent() -> None:
     stage.ready()
     assert not stage.parts["hand"]["there"]
     assert stage.parts["could"] == ["teleop"]
-    assert stage.answer(stage.request("page 1", "start", agent="teleop"))["ok"]
+    assert stage.ask("page 1", "start", agent="teleop")["ok"]
     stage.until(lambda: stage.parts["hand"]["there"])
     assert stage.parts["could"] == []
-    answer = stage.answer(stage.request("page 1", "start", agent="teleop"))
-    assert not answer["ok"]
+    assert not stage.ask("page 1", "start", agent="teleop")["ok"]
     assert len(stage.spawned) == 1
 
 

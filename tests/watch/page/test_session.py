@@ -74,14 +74,13 @@ def test_loops_that_are_switched_off_are_sent_apart_from_those_that_count() -> N
 
 
 def test_a_goal_is_a_mission_and_the_robot_arrives(stage: Stage) -> None:
-    answer = stage.answer(stage.request("page 1", "go", x=GOAL[0], y=GOAL[1]))
-    assert answer["ok"]
+    assert stage.ask("page 1", "go", x=GOAL[0], y=GOAL[1])["ok"]
     stage.until(lambda: reached(stage))
     assert off(stage, *GOAL) < 0.15
 
 
 def test_the_default_heading_is_the_direction_to_the_goal(stage: Stage) -> None:
-    stage.answer(stage.request("page 1", "go", x=1.0, y=1.0))
+    stage.ask("page 1", "go", x=1.0, y=1.0)
     x, y = (stage.parts["motion"][name] for name in "xy")
     (goal,) = stage.parts["mission"]["way"][-1:]
     assert abs(goal[2] - pi / 4) < 0.3, (x, y)
@@ -90,23 +89,22 @@ def test_the_default_heading_is_the_direction_to_the_goal(stage: Stage) -> None:
 def test_a_goal_in_a_wall_is_refused_by_the_planner() -> None:
     stage = Stage("sc4")
     stage.ready()
-    answer = stage.answer(stage.request("page 1", "go", x=4.6, y=1.5))
+    answer = stage.ask("page 1", "go", x=4.6, y=1.5)
     assert not answer["ok"]
     assert "wall" in answer["text"]
     assert stage.parts["motion"]["v"] == 0.0
 
 
 def test_a_goal_while_stopped_is_accepted(stage: Stage) -> None:
-    stage.answer(stage.request("page 1", "stop"))
-    answer = stage.answer(stage.request("page 1", "go", x=1.0, y=0.0))
+    stage.ask("page 1", "stop")
+    answer = stage.ask("page 1", "go", x=1.0, y=0.0)
     assert answer["ok"]
     assert "stop" in answer["text"]
 
 
 def test_without_an_interface_agent_a_goal_times_out(stage: Stage) -> None:
     stage.mesh.node("interface").kill()
-    answer = stage.answer(stage.request("page 1", "go", x=1.0, y=0.0))
-    assert not answer["ok"]
+    assert not stage.ask("page 1", "go", x=1.0, y=0.0)["ok"]
 
 
 # The stop -----------------------------------------------------------------------------------------
@@ -139,7 +137,7 @@ def test_a_browser_without_the_token_stops_the_robot_and_can_do_nothing_else(sta
     driving(stage)
     stage.session.on_connect("looker", may=False)
     stage.run_for(0.2)
-    assert stage.answer(stage.request("looker", "stop"))["ok"]
+    assert stage.ask("looker", "stop")["ok"]
     assert stage.parts["stop"]["held"]
     press = stage.parts["stop"]["press"]
     for do, words in {
@@ -150,29 +148,29 @@ def test_a_browser_without_the_token_stops_the_robot_and_can_do_nothing_else(sta
         "restart": {"agent": "goto"},
         "start": {"agent": "teleop"},
     }.items():
-        answer = stage.answer(stage.request("looker", do, **words))
+        answer = stage.ask("looker", do, **words)
         assert not answer["ok"]
         assert "token" in answer["text"], do
     stage.run_for(1.0)
     assert stage.parts["stop"]["held"]
-    assert stage.answer(stage.request("page 1", "resume", press=press))["ok"]
+    assert stage.ask("page 1", "resume", press=press)["ok"]
 
 
 def test_a_resume_releases_the_shown_stop_and_the_robot_drives_on(stage: Stage) -> None:
     driving(stage)
-    stage.answer(stage.request("page 1", "stop"))
+    stage.ask("page 1", "stop")
     press = stage.parts["stop"]["press"]
-    assert stage.answer(stage.request("page 2", "resume", press=press))["ok"]
+    assert stage.ask("page 2", "resume", press=press)["ok"]
     stage.until(lambda: stage.parts["motion"]["v"] > 0.2)
 
 
 def test_a_resume_of_an_earlier_stop_is_refused(stage: Stage) -> None:
-    stage.answer(stage.request("page 1", "stop"))
+    stage.ask("page 1", "stop")
     seen = stage.parts["stop"]["press"]
-    stage.answer(stage.request("page 1", "resume", press=seen))
+    stage.ask("page 1", "resume", press=seen)
     stage.client.stop(by="anna")
     stage.until(lambda: stage.parts["stop"]["by"] == "anna")
-    answer = stage.answer(stage.request("page 1", "resume", press=seen))
+    answer = stage.ask("page 1", "resume", press=seen)
     assert not answer["ok"]
     assert "anna" in answer["text"]
     assert stage.parts["stop"]["held"]
@@ -193,7 +191,7 @@ def test_an_unacknowledged_stop_is_reported_and_repeated_until_it_holds(
 
 
 def test_a_stop_is_not_held_without_fresh_robot_states(stage: Stage) -> None:
-    stage.answer(stage.request("page 1", "stop"))
+    stage.ask("page 1", "stop")
     stage.mesh.node("robot").hang()
     stage.until(lambda: not stage.parts["motion"]["connected"])
     assert (stage.parts["stop"]["stopped"], stage.parts["stop"]["held"]) == (True, False)
@@ -212,7 +210,7 @@ def test_a_resume_cancels_an_unacknowledged_stop(stage: Stage) -> None:
     stage.mesh.node("robot").hang()
     number = stage.request("page 1", "stop")
     stage.run_for(1.0)
-    assert stage.answer(stage.request("page 2", "resume", press="0"))["ok"]
+    assert stage.ask("page 2", "resume", press="0")["ok"]
     answer = stage.answer(number)
     assert not answer["ok"]
     assert "page 2" in answer["text"]
@@ -235,7 +233,7 @@ def test_a_slow_browser_skips_data_and_receives_all_answers(stage: Stage) -> Non
     stage.shown.slow |= {"page 1", "page 2"}
     stage.run_for(0.1)
     before = stage.shown.count
-    assert not stage.answer(stage.request("page 1", "resume", press="0"))["ok"]
+    assert not stage.ask("page 1", "resume", press="0")["ok"]
     stage.run_for(1.0)
     assert stage.shown.count == before
 
@@ -346,8 +344,7 @@ def test_a_supervised_agent_is_restarted_by_its_hosts_wakeup_agent() -> None:
 
     stage.until(lambda: goto()["kept"])
     before = goto()["pid"]
-    answer = stage.answer(stage.request("page 1", "restart", agent="goto", pid=before))
-    assert answer["ok"]
+    assert stage.ask("page 1", "restart", agent="goto", pid=before)["ok"]
     stage.until(lambda: goto()["alive"] and goto()["pid"] not in (0, before))
 
 
@@ -359,9 +356,7 @@ def test_a_share_under_another_instances_name_is_ignored(stage: Stage, name: str
     VirtualSession(stage.mesh, HOME, name="stranger").publish("wakeup/stranger-1/share", share)
     stage.run_for(0.5)
     for do, agent in (("restart", "goto"), ("start", "dock")):
-        answer = stage.answer(
-            stage.request("page 1", do, agent=agent, **({"pid": 77} if do == "restart" else {}))
-        )
+        answer = stage.ask("page 1", do, agent=agent, **({"pid": 77} if do == "restart" else {}))
         assert not answer["ok"]
         assert agent in answer["text"]
 
@@ -371,9 +366,9 @@ def test_without_capabilities_the_page_drives_and_stops(monkeypatch: pytest.Monk
     stage = Stage()
     stage.ready()
     assert not {"board", "hand"} & stage.parts.keys()
-    assert "order" in stage.answer(stage.request("page 1", "order", mission="surveillance"))["text"]
-    assert stage.answer(stage.request("page 1", "go", x=1.0, y=0.0))["ok"]
-    assert stage.answer(stage.request("page 1", "stop"))["ok"]
+    assert "order" in stage.ask("page 1", "order", mission="surveillance")["text"]
+    assert stage.ask("page 1", "go", x=1.0, y=0.0)["ok"]
+    assert stage.ask("page 1", "stop")["ok"]
 
 
 # Parameters ---------------------------------------------------------------------------------------
@@ -391,18 +386,17 @@ def test_a_parameter_is_changed_and_a_value_out_of_range_is_refused(
     stage.until(lambda: stage.parts["parameters"])
     row = parameter(stage, "goto", "v_max")
     of = {"instance": row["instance"], "name": "v_max"}
-    answer = stage.answer(stage.request("page 1", "set", json="0.2", **of))
-    assert answer["ok"], answer
+    assert stage.ask("page 1", "set", json="0.2", **of)["ok"]
     stage.run_for(0.2)
     assert parameter(stage, "goto", "v_max")["json"] == "0.2"
-    answer = stage.answer(stage.request("page 1", "set", json="-3", **of))
+    answer = stage.ask("page 1", "set", json="-3", **of)
     assert not answer["ok"]
     assert "v_max" in answer["text"]
     assert parameter(stage, "goto", "v_max")["json"] == "0.2"
 
 
 def test_a_parameter_of_an_agent_that_has_ended_is_not_set(stage: Stage) -> None:
-    answer = stage.answer(stage.request("page 1", "set", instance="goto-0", name="v_max", json="1"))
+    answer = stage.ask("page 1", "set", instance="goto-0", name="v_max", json="1")
     assert not answer["ok"]
     assert "goto-0" in answer["text"]
 

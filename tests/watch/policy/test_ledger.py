@@ -71,14 +71,6 @@ def test_any_changed_byte_is_found(data: st.DataObject) -> None:
     assert check([*lines[:number], bytes(line), *lines[number + 1 :]]).fault
 
 
-@pytest.mark.parametrize("left", [0, 3, 8])
-def test_a_log_that_was_cut_is_found_by_what_the_society_knows(left: int) -> None:
-    whole = check(written(9))
-    cut = check(written(9)[:left])
-    assert not cut.fault, "it is whole in itself"
-    assert "cut" in against(cut, whole.entries, whole.head)
-
-
 def test_a_log_that_was_written_anew_is_found() -> None:
     whole = check(written(9))
     lines = [line.replace(b"goto", b"stop") for line in written(9)]
@@ -111,14 +103,6 @@ def test_each_request_and_its_outcome_is_in_the_log(tmp_path: Path) -> None:
     ]
     assert check(lines_of(log)).fault == ""
     assert log.stat().st_mode & 0o077 == 0, "nobody else reads or writes it"
-
-
-def test_a_log_goes_on_after_a_restart(tmp_path: Path) -> None:
-    log = tmp_path / "requests.jsonl"
-    for _ in range(3):
-        Counter(log=str(log)).request("where")
-    found = check(lines_of(log))
-    assert (found.entries, found.fault) == (6, "")
 
 
 def test_a_log_that_was_changed_stops_everything_but_a_stop(tmp_path: Path) -> None:
