@@ -15,7 +15,8 @@ from armadico.core.driver import Driver, Reply
 from armadico.core.messages import Cycle, Log, Message, RobotState, Stop, decode, encode
 from armadico.core.outgoing import Answer, Publish, SendQuery
 from armadico.mobile.messages import MissionReply, MissionRequest, Trajectory, Waypoint
-from armadico.watch.assistant.assistant import BUSY, TAKEN_BACK, Assistant, Parameters
+from armadico.watch.assistant.assistant import BUSY, TAKEN_BACK, Assistant
+from armadico.watch.assistant.keeper import Parameters
 from armadico.watch.assistant.messages import AssistantRecord, AssistantReply, AssistantRequest
 from armadico.watch.assistant.policy.messages import Approvals
 from armadico.watch.assistant.tools import TOOLS

@@ -14,7 +14,8 @@ from armadico.core.messages import Log, RobotState, Stop
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mobile.messages import MissionStatus, Trajectory, Truth
-from armadico.watch.assistant.assistant import Assistant, Parameters
+from armadico.watch.assistant.assistant import Assistant
+from armadico.watch.assistant.keeper import Parameters
 from armadico.watch.assistant.messages import AssistantReply, AssistantRequest
 from armadico.watch.assistant.policy.messages import Answered, ApprovalAnswer, Approvals, Choice
 from tests.driven import Driven

@@ -12,7 +12,8 @@ import pytest
 from armadico.core.messages import Log
 from armadico.core.outgoing import Answer
 from armadico.mobile.messages import MissionReply, MissionRequest
-from armadico.watch.assistant.assistant import LEARN_S, TELL_S
+from armadico.watch.assistant.assistant import TELL_S
+from armadico.watch.assistant.keeper import LEARN_S
 from armadico.watch.assistant.messages import AssistantReply, AssistantRequest
 from armadico.watch.assistant.policy.approvals import (
     GONE_S,

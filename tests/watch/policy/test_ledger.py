@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armadico.core.messages import Log
-from armadico.watch.assistant.assistant import LEARN_S
+from armadico.watch.assistant.keeper import LEARN_S
 from armadico.watch.assistant.policy.ledger import (
     BEGIN,
     Entry,

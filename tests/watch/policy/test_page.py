@@ -6,7 +6,8 @@ from pathlib import Path
 
 from armadico.observe.page_part import Desk
 from armadico.observe.view import View
-from armadico.watch.assistant.assistant import Assistant, Parameters
+from armadico.watch.assistant.assistant import Assistant
+from armadico.watch.assistant.keeper import Parameters
 from armadico.watch.assistant.messages import AssistantReply, AssistantRequest
 from armadico.watch.assistant.policy.messages import (
     Approval,

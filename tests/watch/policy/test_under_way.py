@@ -20,7 +20,8 @@ from armadico.mobile.messages import (
     Waypoint,
 )
 from armadico.mobile.obstacles import Obstacles
-from armadico.watch.assistant.assistant import BESIDE_S, BUSY, LEARN_S, TAKEN_BACK
+from armadico.watch.assistant.assistant import BUSY, TAKEN_BACK
+from armadico.watch.assistant.keeper import BESIDE_S, LEARN_S
 from armadico.watch.assistant.messages import AssistantReply, AssistantRequest
 from armadico.watch.assistant.policy.messages import Approvals, Choice
 from tests.watch.policy.house import NOON
