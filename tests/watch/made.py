@@ -26,14 +26,15 @@ def recorded(path: Path, run: Rehearsal | None = None) -> Iterator[Rehearsal]:
         yield run
 
 
-def copied(recording: Path, to: Path, keep: Callable[[str, float], bool]) -> None:
-    """Write a recording with the messages to keep, by key and time, s."""
+def copied(recording: Path, to: Path, keep: Callable[[str, float], bool]) -> Path:
+    """Write a recording with the messages to keep, by key and time, s; return its file."""
     kept = Recording(to)
     for row in rows(recording, pytest.fail):
         if keep(row.key, row.t / 1e9 - BEGUN) and (message := row.received) is not None:
             on_query = isinstance(message, Card | BidHistory)
             kept.add(Received(row.namespace, row.key, encode(message), row.t, on_query))
     kept.close()
+    return to
 
 
 def of_two_robots(path: Path) -> Path:

@@ -189,8 +189,7 @@ def test_without_the_messages_that_it_needs_a_promise_is_not_checked(
 def test_a_gap_is_not_blamed_on_the_robot_and_not_passed_over(
     recording: Path, audit: Audit, tmp_path: Path
 ) -> None:
-    gap = tmp_path / "gap.mcap"
-    copied(recording, gap, lambda _, t: not 3 < t < 6)
+    gap = copied(recording, tmp_path / "gap.mcap", lambda _, t: not 3 < t < 6)
     code, found = audit(gap, "--only", "one-driver")
     assert (code, found["findings"], answers(found)) == (3, [], {"one-driver": "unknown"})
     assert "nothing was received from" in found["unread"][0]
@@ -204,8 +203,7 @@ def test_a_gap_is_not_blamed_on_the_robot_and_not_passed_over(
 def test_a_gap_in_one_kind_of_messages_is_not_passed_over(
     key: str, promise: str, recording: Path, audit: Audit, tmp_path: Path
 ) -> None:
-    gap = tmp_path / "gap.mcap"
-    copied(recording, gap, lambda own, t: own != key or not 3 < t < 6)
+    gap = copied(recording, tmp_path / "gap.mcap", lambda own, t: own != key or not 3 < t < 6)
     code, found = audit(gap, "--only", promise)
     assert (code, answers(found)) == (3, {promise: "unknown"})
     assert "received from" in found["promises"][0]["what"]
@@ -214,8 +212,11 @@ def test_a_gap_in_one_kind_of_messages_is_not_passed_over(
 def test_a_recording_that_ends_while_the_robot_is_silent_does_not_pass(
     recording: Path, audit: Audit, tmp_path: Path
 ) -> None:
-    dead = tmp_path / "dead.mcap"
-    copied(recording, dead, lambda key, t: t <= 4 or not key.startswith(("robot/", "resource/")))
+    dead = copied(
+        recording,
+        tmp_path / "dead.mcap",
+        lambda key, t: t <= 4 or not key.startswith(("robot/", "resource/")),
+    )
     code, found = audit(dead, "--only", "one-driver", "--only", "odometry")
     assert (code, found["answer"], found["unread"]) == (3, "unknown", [])
     assert set(answers(found).values()) == {"unknown"}
@@ -243,8 +244,7 @@ def test_two_of_three_messages_that_come_each_cycle_are_missed(
 def test_without_any_card_it_is_not_known_that_there_was_no_map(
     recording: Path, audit: Audit, tmp_path: Path
 ) -> None:
-    unmet = tmp_path / "unmet.mcap"
-    copied(recording, unmet, lambda key, _: not key.endswith("/card"))
+    unmet = copied(recording, tmp_path / "unmet.mcap", lambda key, _: not key.endswith("/card"))
     code, found = audit(unmet, "--only", "path")
     assert (code, found["promises"][0]["occasion"]) == (3, True)
     assert "card" in found["promises"][0]["what"]

@@ -163,8 +163,7 @@ def test_a_recording_of_another_protocol_or_of_several_robots_is_refused(
 
 def test_a_gap_is_not_blamed_on_the_robot(recording: Path, query: Ask, tmp_path: Path) -> None:
     """Between two seconds nothing was kept."""
-    gap = tmp_path / "gap.mcap"
-    copied(recording, gap, lambda _, t: not 5.0 < t < 11.0)
+    gap = copied(recording, tmp_path / "gap.mcap", lambda _, t: not 5.0 < t < 11.0)
     found = query("--standing", "--at", "9.0", path=gap)
     assert (found["cause"]["sort"], found["cause"]["who"]) == ("unknown", "")
     assert "a recording has a gap" in found["cause"]["what"]
@@ -181,8 +180,9 @@ def test_a_gap_is_not_blamed_on_the_robot(recording: Path, query: Ask, tmp_path:
 def test_events_that_nothing_counted_are_unknown_and_not_none(
     recording: Path, query: Ask, tmp_path: Path, key: str, what: str, why: str
 ) -> None:
-    blind = tmp_path / "blind.mcap"
-    copied(recording, blind, lambda row_key, _: not row_key.startswith(key))
+    blind = copied(
+        recording, tmp_path / "blind.mcap", lambda row_key, _: not row_key.startswith(key)
+    )
     found = query(path=blind)
     assert found["unknown"][what] == why
     assert found[f"{what}s"] is None
@@ -194,10 +194,10 @@ def test_events_that_nothing_counted_are_unknown_and_not_none(
 def test_events_after_the_last_message_that_counts_them_are_unknown(
     recording: Path, query: Ask, tmp_path: Path
 ) -> None:
-    blind = tmp_path / "blind.mcap"
-    copied(recording, blind, lambda key, t: key != "sim/truth" or not 4.1 < t < 8.1)
+    blind = copied(
+        recording, tmp_path / "blind.mcap", lambda key, t: key != "sim/truth" or not 4.1 < t < 8.1
+    )
     assert "was received from 4" in query(path=blind)["unknown"]["collision"]
-    ended = tmp_path / "ended.mcap"
-    copied(recording, ended, lambda key, t: key != "sim/truth" or t < 4.2)
+    ended = copied(recording, tmp_path / "ended.mcap", lambda key, t: key != "sim/truth" or t < 4.2)
     assert "was received after 4" in query(path=ended)["unknown"]["collision"]
     assert query()["unknown"] == {}
