@@ -26,7 +26,7 @@ from armadico.observe.jsons import Json, JsonObject
 from armadico.watch.assistant.messages import AssistantRecord
 from armadico.watch.assistant.policy.messages import Approvals
 from armadico.watch.explained import Collision, Exchange, Press
-from armadico.watch.mcp.picture import Scene, drawn
+from armadico.watch.mcp.picture import drawn
 from armadico.watch.why import Chronicle
 
 RECORDS: Final = 200  # requests of programs kept for the history
@@ -147,15 +147,12 @@ class Society(Chronicle):
         about = view.description
         radius = 0.2 if about is None else about.half_width
         return drawn(
-            Scene(
-                bounds=around if world is None else world.bounds,
-                walls=() if world is None else world.outlines,
-                forbidden=() if world is None else world.forbidden,
-                places=() if self.gazetteer is None else self.gazetteer.places,
-                sensed=self._sensed(),
-                way=((x, y), *((at.x, at.y) for at in way)) if way and pose is not None else (),
-                robot=None if pose is None else (pose.x, pose.y, pose.theta, radius),
-            )
+            around if world is None else world.bounds,
+            world,
+            () if self.gazetteer is None else self.gazetteer.places,
+            self._sensed(),
+            ((x, y), *((at.x, at.y) for at in way)) if way and pose is not None else (),
+            None if pose is None else (pose.x, pose.y, pose.theta, radius),
         )
 
     def _sensed(self) -> Iterator[tuple[float, float]]:
