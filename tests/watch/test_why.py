@@ -23,14 +23,8 @@ from armadico.mobile.obstacles import Obstacles
 from armadico.observe.findings import Finding, Sort
 from armadico.watch.why import Chronicle
 from tests.robot.launch.test_blocked import ONE_DOOR, door
+from tests.watch.broken import hang, kill
 from tests.watch.observed import LINE, Observed
-
-BASE = ("robot", "encoder", "sonar")
-LAB = ("goto", "avoid", "interface", "path-planning")
-
-
-def two_hosts(name: str) -> str:
-    return "base" if name in BASE else "lab"
 
 
 def standing(society: Observed) -> Finding | None:
@@ -64,18 +58,6 @@ class Incident:
     query: Callable[[Observed], Finding | None] = standing
     seconds: float = 3.0
     begin: Callable[[Path], Observed] = lambda _: Observed().drive()
-
-
-def kill(*names: str) -> Callable[[Observed], object]:
-    return lambda society: [society.mesh.node(name).kill() for name in names]
-
-
-def hang(name: str) -> Callable[[Observed], object]:
-    return lambda society: society.mesh.node(name).hang()
-
-
-def cut(sources: tuple[str, ...], targets: tuple[str, ...]) -> Callable[[Observed], object]:
-    return lambda society: society.mesh.cut(sources, targets)
 
 
 def lost_between(source: str, *targets: str) -> Callable[[Observed], object]:

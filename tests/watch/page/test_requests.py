@@ -19,17 +19,7 @@ GOTO = {"do": "go", "id": 1, "robot": "robot1", "x": 1.5, "y": -2}
 @pytest.mark.parametrize(
     "data",
     [
-        *(
-            "",
-            "[]",
-            "null",
-            "{",
-            "5",
-            '{"do":"go"}',
-            '"' + "x" * LONGEST,
-            b"\xff\xfe",
-            "[" * 4000,
-        ),
+        *("", "null", '{"do":"go"}', '"' + "x" * LONGEST, b"\xff\xfe", "[" * 4000),
         json.dumps(GOTO | {"do": "command"}),
         json.dumps(GOTO | {"x": 1e7}),
         json.dumps(GOTO | {"x": float("nan")}),
