@@ -16,6 +16,7 @@ from armadico.config.named import Gazetteer
 from armadico.config.scenarios import ideal, load_scenario
 from armadico.config.worlds import load_world
 from armadico.core.discovery import agent_class
+from armadico.core.messages import Message
 from armadico.launch.client import Client
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
@@ -25,6 +26,7 @@ from armadico.watch.page.guard import TOKEN_PREFIX, Guard
 from armadico.watch.page.model import Robot
 from armadico.watch.page.server import Server
 from armadico.watch.page.session import TURN_S, Session
+from armadico.watch.teleop.messages import Stick
 
 HOME = "robot1"
 
@@ -128,6 +130,19 @@ class Stage:
     def ask(self, browser: str, do: str, **words: Any) -> dict[str, Any]:
         """The answer to a request."""
         return self.answer(self.request(browser, do, **words))
+
+    def sticks(self) -> list[Stick]:
+        """The sticks that are published from now on."""
+        found: list[Stick] = []
+
+        def watch(key: str, stick: Message, _t: float) -> None:
+            if key != "teleop/stick":  # the copy for agents of protocol 2
+                assert isinstance(stick, Stick)
+                assert key == f"teleop/stick/{stick.hand}"
+                found.append(stick)
+
+        self.mesh.watch(watch, Stick)
+        return found
 
     def ready(self) -> None:
         """Wait until all agents are alive and have answered queries."""

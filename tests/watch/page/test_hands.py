@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from armadico.core.messages import Message
-from armadico.watch.teleop.messages import Stick
 from armadico.watch.teleop.teleop import Teleop
 from tests.watch.page.stage import Stage
 
@@ -21,22 +19,11 @@ def stage() -> Stage:
     return made
 
 
-@pytest.fixture
-def published(stage: Stage) -> list[Stick]:
-    found: list[Stick] = []
-
-    def watch(key: str, stick: Message, _t: float) -> None:
-        if key != "teleop/stick":  # the copy for agents of protocol 2
-            assert isinstance(stick, Stick)
-            found.append(stick)
-
-    stage.mesh.watch(watch, Stick)
-    return found
-
-
 def test_a_page_that_disconnects_releases_the_stick_immediately(
-    stage: Stage, published: list[Stick]
+    stage: Stage,
 ) -> None:
+    published = stage.sticks()
+
     def holds() -> bool:
         cycle, hand = stage.parts["motion"]["cycle"], stage.parts["hand"]
         stage.request("page 1", "stick", v=0.4, w=0.0, cycle=cycle)
@@ -50,8 +37,9 @@ def test_a_page_that_disconnects_releases_the_stick_immediately(
 
 
 def test_a_stick_has_the_cycle_that_its_page_showed_and_no_later_one(
-    stage: Stage, published: list[Stick]
+    stage: Stage,
 ) -> None:
+    published = stage.sticks()
     seen = stage.parts["motion"]["cycle"]
     stage.request("page 1", "stick", v=0.1, w=0.0, cycle=seen - 2)
     stage.request("page 1", "stick", v=0.1, w=0.0, cycle=seen + 1000)

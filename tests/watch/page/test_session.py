@@ -22,7 +22,6 @@ from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.launch.virtual_session import VirtualSession
 from armadico.watch.page.model import Robot
-from armadico.watch.teleop.messages import Stick
 from tests.watch.page.stage import HOME, Stage
 
 GOAL = (1.2, 0.0)
@@ -295,15 +294,7 @@ def test_a_flood_does_not_use_up_another_browsers_queries(stage: Stage) -> None:
 
 
 def test_a_flood_of_sticks_is_reduced_to_the_newest(stage: Stage) -> None:
-    sticks: list[Stick] = []
-
-    def watch(key: str, message: m.Message, _t: float) -> None:
-        if key != "teleop/stick":  # the copy for agents of protocol 2
-            assert isinstance(message, Stick)
-            assert key == f"teleop/stick/{message.hand}"
-            sticks.append(message)
-
-    stage.mesh.watch(watch, Stick)
+    sticks = stage.sticks()
     cycle = stage.parts["motion"]["cycle"]
     for _ in range(20):
         for at in range(50):
