@@ -116,13 +116,18 @@ def test_a_log_that_was_changed_stops_everything_but_a_stop(tmp_path: Path) -> N
     assert counter.stops
 
 
-def test_a_log_that_was_cut_between_two_starts_is_found_and_said(tmp_path: Path) -> None:
-    log = tmp_path / "requests.jsonl"
+def logged(log: Path) -> Ledger:
+    """What the society remembers after three requests of a client."""
     before = Counter(log=str(log))
     before.now = LEARN_S  # nobody remembers another log
     for _ in range(3):
         before.request("where")
-    ledger = [each for each in before.published if isinstance(each, Ledger)][-1]
+    return [each for each in before.published if isinstance(each, Ledger)][-1]
+
+
+def test_a_log_that_was_cut_between_two_starts_is_found_and_said(tmp_path: Path) -> None:
+    log = tmp_path / "requests.jsonl"
+    ledger = logged(log)
     log.write_bytes(b"".join(list(lines_of(log))[:2]))
     after = Counter(log=str(log))
     after.receive(ledger)  # as the other agents restore it
@@ -133,11 +138,7 @@ def test_a_log_that_was_cut_between_two_starts_is_found_and_said(tmp_path: Path)
 
 def test_a_log_that_was_moved_away_locks_nobody_out_and_is_still_reported(tmp_path: Path) -> None:
     log = tmp_path / "requests.jsonl"
-    before = Counter(log=str(log))
-    before.now = LEARN_S  # nobody remembers another log
-    for _ in range(3):
-        before.request("where")
-    ledger = [each for each in before.published if isinstance(each, Ledger)][-1]
+    ledger = logged(log)
     log.rename(tmp_path / "old.jsonl")
     Counter(log=str(log)).receive(ledger)
     again = Counter(log=str(log))
