@@ -59,6 +59,18 @@ def test_beside_a_society_it_is_there_until_that_is_ended() -> None:
             read(link)
 
 
+def check_end_of(pid: int, process: subprocess.Popen[str]) -> None:
+    """A process ends with another one that is killed."""
+    beside = psutil.Process(pid)
+    try:
+        process.send_signal(signal.SIGKILL)
+        _, left = psutil.wait_procs([beside], timeout=SOON)
+        assert not left, "it would hold its port"
+    finally:
+        with suppress(psutil.NoSuchProcess):
+            beside.kill()
+
+
 @pytest.mark.live
 def test_beside_a_command_that_is_killed_it_ends_too(tmp_path: Path) -> None:
     script = """if True:
@@ -74,14 +86,7 @@ def test_beside_a_command_that_is_killed_it_ends_too(tmp_path: Path) -> None:
     with starter((sys.executable, "-c", script), cwd=tmp_path) as start:
         process = start()
         assert process.stdout is not None
-        page = psutil.Process(int(process.stdout.readline()))
-        try:
-            process.send_signal(signal.SIGKILL)
-            _, left = psutil.wait_procs([page], timeout=SOON)
-            assert not left, "it would hold its port"
-        finally:
-            with suppress(psutil.NoSuchProcess):
-                page.kill()
+        check_end_of(int(process.stdout.readline()), process)
 
 
 @pytest.mark.long
