@@ -377,9 +377,6 @@ def test_of_several_robots_one_is_drawn(tmp_path: Path, path: Path) -> None:
     assert to_rrd(path, tmp_path / "run.rrd", "robot2", None, {}, lambda _: None) == 1
 
 
-# Keys ---------------------------------------------------------------------------------------------
-
-
 # Journals -----------------------------------------------------------------------------------------
 
 
