@@ -26,6 +26,7 @@ from armadico.config.profile import Body
 from armadico.config.shipped import names
 from armadico.config.unseen import over
 from armadico.config.worlds import Pose, Segment, World, load_world
+from armadico.mobile.geometry import to_world
 
 if TYPE_CHECKING:
     import numpy as np
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colors import ListedColormap
     from matplotlib.lines import Line2D
-    from matplotlib.text import Text
     from numpy.typing import NDArray
 
 SIZE_PX = (1280, 720)
@@ -192,16 +192,13 @@ class Canvas:
     def direction(self, theta: float) -> float:
         return theta - pi / 2 if self.turned else theta
 
-    def heading(self, title: str, *lines: str) -> list[Text]:
-        """Write a title and up to two lines below it; returns those lines."""
+    def heading(self, title: str, *lines: str) -> None:
+        """Write a title and up to two lines below it."""
         height = SIZE_PX[1]
         self.figure.text(0.055, 1 - 39.6 / height, title, fontsize=17, weight="bold", color=INK)
-        return [
-            self.figure.text(
-                0.055, 1 - (66.2 + 24.5 * row) / height, line, fontsize=10.5, color=SOFT
-            )
-            for row, line in enumerate(lines[:2])
-        ]
+        for row, line in enumerate(lines[:2]):
+            y = 1 - (66.2 + 24.5 * row) / height
+            self.figure.text(0.055, y, line, fontsize=10.5, color=SOFT)
 
     def echoes(self, echoes: Sequence[tuple[float, float]]) -> None:
         """Draw points measured by sonars and lasers."""
@@ -222,9 +219,8 @@ class Canvas:
         for name, ink in (("mapped free", MAPPED_FREE), ("mapped occupied", MAPPED)):
             self.legend[name] = self.axes.scatter([], [], s=40, marker="s", color=ink)
 
-    def path(self, steps: Sequence[Step]) -> list[Line2D]:
+    def path(self, steps: Sequence[Step]) -> None:
         """Draw the path, one connected line for each tenure."""
-        drawn: list[Line2D] = []
         styles = cycle(LINES)
         style_of: dict[str | None, str] = {None: "solid"}
         for holder, points in _tenures(steps):
@@ -234,8 +230,6 @@ class Canvas:
             (line,) = self.axes.plot(xs, ys, color=colour(holder), linestyle=style_of[holder])
             line.set(linewidth=2.6, solid_capstyle="round", zorder=4)
             self.legend.setdefault(holder or "no agent", line)
-            drawn.append(line)
-        return drawn
 
     def poses(
         self,
@@ -267,7 +261,7 @@ class Canvas:
             self.axes.add_patch(
                 Polygon(corners, fill=False, edgecolor=ink, linewidth=1.1, alpha=alpha, zorder=5)
             )
-            nose = [self.at(*point_of(step, *point)) for point in NOSE]
+            nose = [self.at(*to_world(step[1:4], *point)) for point in NOSE]
             xs, ys = zip(*nose, strict=True)
             self.axes.plot(xs, ys, color=ink, linewidth=1.1, alpha=alpha, zorder=5)
 
@@ -443,13 +437,7 @@ def _spaced(steps: Sequence[Step], metres: float) -> Iterator[tuple[Step, bool]]
 
 def outline(step: Step, body: Body) -> list[tuple[float, float]]:
     """The corners of the robot's footprint, in the world."""
-    return [point_of(step, *corner) for corner in body.corners]
-
-
-def point_of(step: Step, x: float, y: float) -> tuple[float, float]:
-    """A point of the robot, in the world."""
-    c, s = cos(step[3]), sin(step[3])
-    return step[1] + c * x - s * y, step[2] + s * x + c * y
+    return [to_world(step[1:4], *corner) for corner in body.corners]
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ readable up to then. (A power cut may lose what the disk had not written.)
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final
 
@@ -76,10 +76,9 @@ class McapFile:
         self.path = path
         self._stream: IO[bytes] = path.open("xb")
         self._writer: Writer = Writer(self._stream)
-        self._schemas: dict[type[Struct], int] = {}
-        self._channels: dict[tuple[str, type[Struct] | None], tuple[int, int]] = {}
-        self._samples: dict[str, tuple[int, int]] = {}
-        self._theirs: dict[tuple[str, str], int] = {}
+        self._schemas: dict[tuple[str, str], int] = {}  # by name and encoding
+        # By topic and kind, or a translator's topic: the channel, and its messages so far.
+        self._channels: dict[Hashable, tuple[int, int]] = {}
         self._writer.start(profile, f"armadico {about.get(PROFILE, {}).get('version', '')}".strip())
         for name, words in about.items():
             self._writer.add_metadata(name, dict(words))
@@ -94,32 +93,27 @@ class McapFile:
     ) -> None:
         """Write one message, JSON if it has a kind, else CBOR; `at` in ns since 1970."""
         topic = f"/{namespace}/{key}"
-        channel, sequence = self._channels.get((topic, kind), (0, 0))
-        if channel == 0:
-            channel = self._writer.register_channel(
-                topic,
-                "cbor" if kind is None else "json",
-                0 if kind is None else self._schema(kind),
-                {"namespace": namespace, "key": key},
-            )
-        self._channels[topic, kind] = (channel, sequence + 1)
-        self._writer.add_message(channel, at, data, at, sequence)
+
+        def register() -> int:
+            schema, words = 0, {"namespace": namespace, "key": key}
+            if kind is not None:
+                text = msgspec.json.encode(json_schema(kind))
+                schema = self._schema(SCHEMA_PREFIX + kind.__name__, "jsonschema", text)
+            encoding = "cbor" if kind is None else "json"
+            return self._writer.register_channel(topic, encoding, schema, words)
+
+        self._put((topic, kind), register, data, at)
 
     def add_sample(self, sample: Sample, at: int) -> None:
         """Write one sample of a translator's; `at` in ns since 1970."""
         what = sample.channel
-        channel, sequence = self._samples.get(what.topic, (0, 0))
-        if channel == 0:
-            named = (what.schema_encoding, what.schema)
-            if named not in self._theirs:
-                self._theirs[named] = self._writer.register_schema(
-                    what.schema, what.schema_encoding, what.definition.encode()
-                )
-            channel = self._writer.register_channel(
-                what.topic, what.encoding, self._theirs[named], dict(what.metadata)
-            )
-        self._samples[what.topic] = (channel, sequence + 1)
-        self._writer.add_message(channel, at, sample.data, at, sequence)
+
+        def register() -> int:
+            schema = self._schema(what.schema, what.schema_encoding, what.definition.encode())
+            words = dict(what.metadata)
+            return self._writer.register_channel(what.topic, what.encoding, schema, words)
+
+        self._put(what.topic, register, sample.data, at)
 
     def flush(self) -> None:
         self._writer.flush()  # type: ignore[no-untyped-call]
@@ -131,12 +125,17 @@ class McapFile:
         finally:
             self._stream.close()
 
-    def _schema(self, kind: type[Struct]) -> int:
-        if kind not in self._schemas:
-            text = msgspec.json.encode(json_schema(kind))
-            name = SCHEMA_PREFIX + kind.__name__
-            self._schemas[kind] = self._writer.register_schema(name, "jsonschema", text)
-        return self._schemas[kind]
+    def _put(self, channel: Hashable, register: Callable[[], int], data: bytes, at: int) -> None:
+        if channel not in self._channels:
+            self._channels[channel] = register(), 0
+        number, sequence = self._channels[channel]
+        self._channels[channel] = number, sequence + 1
+        self._writer.add_message(number, at, data, at, sequence)
+
+    def _schema(self, name: str, encoding: str, definition: bytes) -> int:
+        if (name, encoding) not in self._schemas:
+            self._schemas[name, encoding] = self._writer.register_schema(name, encoding, definition)
+        return self._schemas[name, encoding]
 
 
 class Gaps:

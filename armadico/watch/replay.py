@@ -316,27 +316,20 @@ def _on_reply(driver: Driver, e: Entry, _: object, queries: Queries) -> None:
         driver.on_reply(e[2], None if e[3] is None else msgspec.convert(e[3], kind), e[1])
 
 
-def _on_bytes(driver: Driver, e: Entry, _listens: object, _: object) -> None:
-    if isinstance(driver.agent, DeviceAgent):
-        driver.received(e[2], e[1])
+Do = Callable[[Driver, Entry, Subscriptions, Queries], None]
 
 
-def _on_link(driver: Driver, e: Entry, _listens: object, _: object) -> None:
-    if isinstance(driver.agent, DeviceAgent):
-        driver.link(e[2], e[3], e[1])
+def _to_device(do: Callable[[Driver, Entry], None]) -> Do:
+    """An input of agents with a device alone: the replayed code may have none."""
+
+    def give(driver: Driver, e: Entry, _listens: object, _: object) -> None:
+        if isinstance(driver.agent, DeviceAgent):
+            do(driver, e)
+
+    return give
 
 
-def _on_guard(driver: Driver, e: Entry, _listens: object, _: object) -> None:
-    if isinstance(driver.agent, DeviceAgent):
-        driver.guarded(e[2], e[3], e[1])
-
-
-def _on_braked(driver: Driver, e: Entry, _listens: object, _: object) -> None:
-    if isinstance(driver.agent, DeviceAgent):
-        driver.braked(e[1])
-
-
-_DO: Final[Mapping[int, Callable[[Driver, Entry, Subscriptions, Queries], None]]] = {
+_DO: Final[Mapping[int, Do]] = {
     j.BEGIN: lambda d, e, _l, _a: d.begin(e[1]),
     j.WAKE: lambda d, e, _l, _a: d.wake(e[1]),
     j.LEAVE: lambda d, e, _l, _a: d.leave(e[1]),
@@ -344,10 +337,10 @@ _DO: Final[Mapping[int, Callable[[Driver, Entry, Subscriptions, Queries], None]]
     j.DELIVER: _on_delivery,
     j.ASKED: _on_query,
     j.REPLIED: _on_reply,
-    j.RECEIVED: _on_bytes,
-    j.LINK: _on_link,
-    j.GUARDED: _on_guard,
-    j.BRAKED: _on_braked,
+    j.RECEIVED: _to_device(lambda d, e: d.received(e[2], e[1])),
+    j.LINK: _to_device(lambda d, e: d.link(e[2], e[3], e[1])),
+    j.GUARDED: _to_device(lambda d, e: d.guarded(e[2], e[3], e[1])),
+    j.BRAKED: _to_device(lambda d, e: d.braked(e[1])),
     j.LATCH: lambda d, e, _l, _a: d.latch(e[2], e[1]),
     j.ROUTER: lambda d, e, _l, _a: d.router(e[2], e[1]),
     j.SLOW: lambda d, e, _l, _a: d.slow(e[2]),

@@ -141,15 +141,6 @@ class _History:
     claims: deque[tuple[float, Claim]] = field(default_factory=lambda: deque(maxlen=KEPT_CYCLES))
 
 
-@dataclass
-class _Touch:
-    """Contacts of the robot so far."""
-
-    collisions: int = 0  # ground truth
-    bumped: int = 0  # of these, by people walking into the robot
-    felt: bool = False  # the robot reports contact now
-
-
 _Pending = _Snapshot | _Takeover | tuple[_Snapshot, Finding, str]  # the tuple is a collision
 
 
@@ -186,7 +177,8 @@ class Chronicle:
         self._commands: deque[tuple[float, Command, str]] = deque(maxlen=4 * KEPT_CYCLES)
         self._clock = CycleClock()
         self._pending: deque[_Pending] = deque()
-        self._touch = _Touch()
+        self._collided = self._bumped = 0  # by the truth; of these, people walked into the robot
+        self._touches = False  # the robot reports contact now
         self._counts: dict[str, Pauses] = {}  # by key
         self._state_at: float | None = None  # of the first state of the robot, s
         self.lost = ""  # which messages a recording lacks: any event may be among them
@@ -319,17 +311,16 @@ class Chronicle:
             ):
                 pressed.stood = t - self._begun - pressed.t
         felt = state.touch is not None or state.stalled
-        if felt and not self._touch.felt and self.view.truth is None:
+        if felt and not self._touches and self.view.truth is None:
             self._collide("The robot reports contact with an obstacle.", bumped=False)
-        self._touch.felt = felt
+        self._touches = felt
 
     def _on_truth(self, truth: Truth, *, begun: bool) -> None:
-        touch = self._touch
-        if begun and truth.collisions > touch.collisions:
-            bumped = truth.bumped > touch.bumped
+        if begun and truth.collisions > self._collided:
+            bumped = truth.bumped > self._bumped
             what = "A person walks into the robot." if bumped else "The robot touches an obstacle."
             self._collide(what, bumped=bumped)
-        touch.collisions, touch.bumped = truth.collisions, truth.bumped
+        self._collided, self._bumped = truth.collisions, truth.bumped
 
     def _on_stop(self, stop: Stop, t: float, *, before: bool) -> None:
         # A delayed state may still contain the previous press.

@@ -73,7 +73,3 @@ def drawn(path: Path, world: World | None = None) -> Iterator[Scene]:
     recording = keep({NAMESPACE: world}, path)
     yield Scene(recording, world, NAMESPACE, zones())
     close(recording)
-
-
-def colour_of(rgba: int) -> tuple[int, ...]:
-    return tuple(rgba.to_bytes(4, "big"))

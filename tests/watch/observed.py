@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from armadico.config.scenarios import Scenario
 from armadico.core.messages import Ask, BidHistory, Log, Message
-from armadico.core.services import BIDS, CARD, services
+from armadico.core.services import services
 from armadico.launch.society import Options, coordinated
 from armadico.launch.virtual import Rehearsal
 from armadico.mobile.messages import MissionStatus
@@ -93,11 +93,6 @@ class Observed(Driven):
             agent = node.agent
             self.chronicle.token(agent.instance, there=node.alive, t=now)
             if node.alive and not node.hung:
-                names = {"name": agent.name, "instance": agent.instance}
-                answers: tuple[tuple[str, Message], ...] = (
-                    (CARD.key_for(**names), agent.kernel.card()),
-                    (BIDS.key_for(**names), agent.kernel.history()),
-                )
-                for _, message in answers:
+                for message in (agent.kernel.card(), agent.kernel.history()):
                     self.chronicle.learn(message if self.worded else reworded(message), now)
         self.mesh.call_at(now + QUERY_S, lambda _a, _b: self._answer_queries())

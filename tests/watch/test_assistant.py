@@ -12,10 +12,11 @@ from msgspec.structs import replace
 from armadico.agents.interface.messages import MissionCancel
 from armadico.core.agent import Identity, Question
 from armadico.core.driver import Driver, Reply
-from armadico.core.messages import Cycle, Log, RobotState, Stop, decode, encode
+from armadico.core.messages import Cycle, Log, Message, RobotState, Stop, decode, encode
 from armadico.core.outgoing import Answer, Publish, SendQuery
 from armadico.mobile.messages import MissionReply, MissionRequest, Trajectory, Waypoint
-from armadico.watch.assistant.assistant import BUSY, TAKEN_BACK, Assistant, Parameters
+from armadico.watch.assistant.assistant import BUSY, TAKEN_BACK, Assistant
+from armadico.watch.assistant.keeper import Parameters
 from armadico.watch.assistant.messages import AssistantRecord, AssistantReply, AssistantRequest
 from armadico.watch.assistant.policy.messages import Approvals
 from armadico.watch.assistant.tools import TOOLS
@@ -48,11 +49,20 @@ class Counter:
 
     def request(self, tool: str, text: str | None = None, **args: object) -> AssistantReply | None:
         """Return the reply to a program's request; None: no reply yet."""
+        return self.put(AssistantRequest(tool, json.dumps(args) if text is None else text, "model"))
+
+    def put(self, query: Message, asker: str = "") -> AssistantReply | None:
+        """Return the reply to a query; None: no reply yet."""
         self.number += 1
-        request = AssistantRequest(tool, json.dumps(args) if text is None else text, "model")
-        self.agent.kernel.on_query(request, Question(self.number), self.now)
+        self.agent.kernel.on_query(query, Question(self.number, asker), self.now)
         self.collect()
         return self.replies.get(self.number)
+
+    def hear(self, reply: Message | None, query: int | None = None) -> None:
+        """Another agent replies to the last query, or to one by its number; None: a timeout."""
+        number = self.queries[-1].id if query is None else query
+        self.agent.kernel.on_reply(number, reply, self.now)
+        self.collect()
 
     def refusal(self, tool: str, text: str | None = None, **args: object) -> str:
         reply = self.request(tool, text, **args)
@@ -61,8 +71,7 @@ class Counter:
 
     def reply_to_query(self, reply: MissionReply | None) -> AssistantReply:
         """Return the reply to the program after the queried agent's reply."""
-        self.agent.kernel.on_reply(self.queries[-1].id, reply, self.now)
-        self.collect()
+        self.hear(reply)
         return self.replies[self.number]
 
     def receive(self, *messages: object) -> None:
@@ -172,11 +181,9 @@ def test_a_goal_is_cancelled_by_its_client_alone() -> None:
     assert "no goal" in counter.refusal("cancel", number="0")
     counter.request("goto", x=2, y=1)
     counter.reply_to_query(MissionReply(77))
-    counter.number += 1
-    other = AssistantRequest("cancel", '{"number": "77"}', "other")
-    counter.agent.kernel.on_query(other, Question(counter.number), counter.now)
-    counter.collect()
-    assert counter.replies[counter.number].refusal
+    other = counter.put(AssistantRequest("cancel", '{"number": "77"}', "other"))
+    assert other is not None
+    assert other.refusal
     counter.request("cancel", number="77")
     assert counter.queries[-1].request == MissionCancel(77, "assistant: model")
     assert counter.reply_to_query(MissionReply(77)).text == "it is cancelled"
@@ -189,19 +196,16 @@ def test_a_goal_that_a_mission_agent_still_plans_is_cancelled_once_it_has_a_numb
     assert counter.request("cancel") is None
     cancel = counter.number
     assert counter.refusal("cancel") == BUSY
-    counter.agent.kernel.on_reply(planned, MissionReply(77), counter.now)
-    counter.collect()
+    counter.hear(MissionReply(77), planned)
     assert counter.queries[-1].request == MissionCancel(77, "assistant: model")
     assert counter.replies[goto].refusal == TAKEN_BACK
     assert cancel not in counter.replies
-    counter.agent.kernel.on_reply(counter.queries[-1].id, MissionReply(77), counter.now)
-    counter.collect()
+    counter.hear(MissionReply(77))
     assert counter.replies[cancel].text == "it is cancelled"
     counter.request("goto", x=3, y=1)
     goto, planned = counter.number, counter.queries[-1].id
     counter.request("cancel")
-    counter.agent.kernel.on_reply(planned, MissionReply(0, "in a wall"), counter.now)
-    counter.collect()
+    counter.hear(MissionReply(0, "in a wall"), planned)
     assert counter.replies[goto].refusal == "in a wall"
     assert "refused meanwhile" in counter.replies[counter.number].refusal
     counter.request("goto", x=3, y=1)
@@ -211,8 +215,7 @@ def test_a_goal_that_a_mission_agent_still_plans_is_cancelled_once_it_has_a_numb
     counter.request("goto", x=2, y=1)
     planned = counter.queries[-1].id
     counter.request("cancel")
-    counter.agent.kernel.on_reply(planned, MissionReply(0, "in a wall"), counter.now)
-    counter.collect()
+    counter.hear(MissionReply(0, "in a wall"), planned)
     assert counter.queries[-1].request == MissionCancel(78, "assistant: model"), "it drives on else"
 
 
@@ -228,16 +231,14 @@ def cancelled_without_a_reply(*driven: Trajectory) -> tuple[Counter, int]:
     goto = counter.queries[-1].id
     counter.request("cancel")
     counter.receive(*driven)
-    counter.agent.kernel.on_reply(goto, None, counter.now)
-    counter.collect()
+    counter.hear(None, goto)
     return counter, counter.number
 
 
 def test_a_goal_whose_reply_was_lost_is_cancelled_and_replaced_as_any() -> None:
     counter, cancel = cancelled_without_a_reply(DRIVEN)
     assert counter.queries[-1].request == MissionCancel(88, "assistant: model")
-    counter.agent.kernel.on_reply(counter.queries[-1].id, MissionReply(88), counter.now)
-    counter.collect()
+    counter.hear(MissionReply(88))
     assert counter.replies[cancel].text == "it is cancelled"
     counter.request("goto", x=5, y=1)
     request = counter.queries[-1].request
@@ -272,11 +273,7 @@ def test_the_trajectory_of_a_goal_that_was_replaced_is_no_last_goal() -> None:
 
 
 def asks(counter: Counter, tool: str, asker: str, text: str = "{}") -> AssistantReply | None:
-    counter.number += 1
-    request = AssistantRequest(tool, text, "model")
-    counter.agent.kernel.on_query(request, Question(counter.number, asker), counter.now)
-    counter.collect()
-    return counter.replies.get(counter.number)
+    return counter.put(AssistantRequest(tool, text, "model"), asker)
 
 
 def test_no_client_keeps_the_cancel_of_another_one_out() -> None:
@@ -291,9 +288,8 @@ def test_no_client_keeps_the_cancel_of_another_one_out() -> None:
     again = asks(counter, "cancel", "mcp-b")
     assert again is not None
     assert again.refusal == BUSY, "one at a time"
-    counter.agent.kernel.on_reply(counter.queries[-1].id, MissionReply(77), counter.now)
-    counter.agent.kernel.on_reply(planned, MissionReply(78), counter.now)
-    counter.collect()
+    counter.hear(MissionReply(77))
+    counter.hear(MissionReply(78), planned)
     assert counter.replies[cancel].text == "it is cancelled"
     assert counter.replies[cancel - 1].mission == 78
 
@@ -313,10 +309,9 @@ def test_with_keys_each_client_has_its_own_rate_and_without_them_the_own_goal_is
     assert counter.queries[-1].request == MissionCancel(77, "assistant: model")
     assert "too many" in counter.refusal("cancel"), "it is being cancelled"
     assert "too many" in counter.refusal("cancel", number="5")
-    other = AssistantRequest("cancel", "{}", "other")
-    counter.agent.kernel.on_query(other, Question(9999), counter.now)
-    counter.collect()
-    assert "too many" in counter.replies[9999].refusal
+    other = counter.put(AssistantRequest("cancel", "{}", "other"))
+    assert other is not None
+    assert "too many" in other.refusal
 
 
 def test_the_own_goal_is_known_after_a_restart_also_without_a_policy() -> None:

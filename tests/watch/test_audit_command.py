@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,9 @@ from armadico.core.messages import PROTOCOL, Point, Stop, encode
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mobile.messages import MissionState, MissionStatus, Trajectory, Waypoint
-from armadico.observe.watching import Presence, Received
+from armadico.observe.watching import Received
 from armadico.watch.recorder import Recording
-from armadico.watch.recordings import Row, rows
-from armadico.watch.virtual_recording import BEGUN, Recorded
+from tests.watch.made import copied, of_two_robots, recorded
 from tests.watch.observed import LINE
 
 Audit = Callable[..., tuple[int, dict[str, Any]]]
@@ -31,8 +31,7 @@ Audit = Callable[..., tuple[int, dict[str, Any]]]
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """It drives for 8 s."""
     path = tmp_path_factory.mktemp("audit") / "run.mcap"
-    run = Rehearsal(LINE, Options(seed=4))
-    with Recorded(run.mesh, path, run.namespace):
+    with recorded(path) as run:
         run.start()
         run.begin()
         run.mesh.run(8.0)
@@ -69,8 +68,7 @@ def test_a_robot_that_no_agent_drove_is_unknown_and_the_last_line_counts_all(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "idle.mcap"
-    run = Rehearsal(LINE, Options(seed=4))
-    with Recorded(run.mesh, path, run.namespace):
+    with recorded(path) as run:
         run.start()
         run.mesh.run(4.0)
     assert cli.main(["audit", str(path)]) == 3
@@ -90,13 +88,13 @@ def test_what_only_a_truth_shows_can_be_accepted_as_unknown_and_the_rest_is_name
     recording: Path, audit: Audit, tmp_path: Path
 ) -> None:
     real, nothing = tmp_path / "real.mcap", tmp_path / "nothing.mcap"
-    copied(recording, real, lambda row: row.key != "sim/truth")
+    copied(recording, real, lambda key, _: key != "sim/truth")
     code, found = audit(real, "--only", "pose")
     assert (code, answers(found)) == (3, {"pose": "unknown"})
     assert found["promises"][0]["what"] == "kept as far as was judged: no Truth received"
     code, found = audit(real, "--accept-unknown")
     assert (code, found["answer"]) == (0, "unknown")
-    copied(recording, nothing, lambda row: row.key == "encoder/pose")
+    copied(recording, nothing, lambda key, _: key == "encoder/pose")
     assert audit(nothing, "--accept-unknown")[0] == 3, "nothing was kept"
 
 
@@ -104,8 +102,7 @@ def test_a_path_through_a_wall_of_the_map_that_the_agents_name_is_broken(
     audit: Audit, tmp_path: Path
 ) -> None:
     path = tmp_path / "run.mcap"
-    run = Rehearsal(load_scenario("sc4"), Options(seed=4))
-    with Recorded(run.mesh, path, run.namespace):
+    with recorded(path, Rehearsal(load_scenario("sc4"), Options(seed=4))) as run:
         run.start()
         run.mesh.run(1.0)
         end = Waypoint(run.scenario.start[0] + 50.0, run.scenario.start[1], 0.0)
@@ -137,7 +134,7 @@ def test_by_a_map_of_the_same_name_that_the_agents_have_not_the_paths_are_not_ju
     run = Rehearsal(LINE, Options(seed=4))
     for name in ("sonar", "path-planning"):
         object.__setattr__(run.mesh.node(name).agent.identity, "map", "89abcdef")
-    with Recorded(run.mesh, path, run.namespace):
+    with recorded(path, run):
         run.start()
         run.begin()
         run.mesh.run(5.0)
@@ -152,8 +149,7 @@ def test_a_mission_that_is_reported_as_reached_under_way_is_broken(
     audit: Audit, tmp_path: Path
 ) -> None:
     path = tmp_path / "run.mcap"
-    run = Rehearsal(LINE, Options(seed=4))
-    with Recorded(run.mesh, path, run.namespace):
+    with recorded(path) as run:
         run.start()
         run.begin()
         run.mesh.run(5.0)
@@ -190,20 +186,10 @@ def test_without_the_messages_that_it_needs_a_promise_is_not_checked(
     assert all("received" in each["what"] for each in found["promises"])
 
 
-def copied(recording: Path, to: Path, keeps: Callable[[Row], bool]) -> None:
-    """Copy the rows of a recording that are kept."""
-    kept = Recording(to)
-    for row in rows(recording, pytest.fail):
-        if keeps(row) and (message := row.received) is not None:
-            kept.add(Received(row.namespace, row.key, encode(message), row.t))
-    kept.close()
-
-
 def test_a_gap_is_not_blamed_on_the_robot_and_not_passed_over(
     recording: Path, audit: Audit, tmp_path: Path
 ) -> None:
-    gap = tmp_path / "gap.mcap"
-    copied(recording, gap, lambda row: not 3e9 < row.t - BEGUN * 10**9 < 6e9)
+    gap = copied(recording, tmp_path / "gap.mcap", lambda _, t: not 3 < t < 6)
     code, found = audit(gap, "--only", "one-driver")
     assert (code, found["findings"], answers(found)) == (3, [], {"one-driver": "unknown"})
     assert "nothing was received from" in found["unread"][0]
@@ -217,8 +203,7 @@ def test_a_gap_is_not_blamed_on_the_robot_and_not_passed_over(
 def test_a_gap_in_one_kind_of_messages_is_not_passed_over(
     key: str, promise: str, recording: Path, audit: Audit, tmp_path: Path
 ) -> None:
-    gap = tmp_path / "gap.mcap"
-    copied(recording, gap, lambda row: row.key != key or not 3e9 < row.t - BEGUN * 10**9 < 6e9)
+    gap = copied(recording, tmp_path / "gap.mcap", lambda own, t: own != key or not 3 < t < 6)
     code, found = audit(gap, "--only", promise)
     assert (code, answers(found)) == (3, {promise: "unknown"})
     assert "received from" in found["promises"][0]["what"]
@@ -227,12 +212,11 @@ def test_a_gap_in_one_kind_of_messages_is_not_passed_over(
 def test_a_recording_that_ends_while_the_robot_is_silent_does_not_pass(
     recording: Path, audit: Audit, tmp_path: Path
 ) -> None:
-    dead = tmp_path / "dead.mcap"
-
-    def is_kept(row: Row) -> bool:
-        return row.t - BEGUN * 10**9 <= 4e9 or not row.key.startswith(("robot/", "resource/"))
-
-    copied(recording, dead, is_kept)
+    dead = copied(
+        recording,
+        tmp_path / "dead.mcap",
+        lambda key, t: t <= 4 or not key.startswith(("robot/", "resource/")),
+    )
     code, found = audit(dead, "--only", "one-driver", "--only", "odometry")
     assert (code, found["answer"], found["unread"]) == (3, "unknown", [])
     assert set(answers(found).values()) == {"unknown"}
@@ -249,13 +233,8 @@ def test_a_recording_that_ends_while_the_robot_is_silent_does_not_pass(
 def test_two_of_three_messages_that_come_each_cycle_are_missed(
     recording: Path, audit: Audit, tmp_path: Path, thinned: str, only: str, what: str
 ) -> None:
-    thin = tmp_path / "thin.mcap"
-    kept, number = Recording(thin), 0
-    for row in rows(recording, pytest.fail):
-        number += row.key == thinned
-        if (row.key != thinned or number % 3 == 0) and (message := row.received) is not None:
-            kept.add(Received(row.namespace, row.key, encode(message), row.t))
-    kept.close()
+    thin, thirds = tmp_path / "thin.mcap", cycle((False, False, True))
+    copied(recording, thin, lambda key, _: key != thinned or next(thirds))
     code, found = audit(thin, "--only", only)
     assert (code, found["findings"], found["unread"]) == (3, [], [])
     assert what in found["promises"][0]["what"]
@@ -265,12 +244,7 @@ def test_two_of_three_messages_that_come_each_cycle_are_missed(
 def test_without_any_card_it_is_not_known_that_there_was_no_map(
     recording: Path, audit: Audit, tmp_path: Path
 ) -> None:
-    unmet = tmp_path / "unmet.mcap"
-    kept = Recording(unmet)
-    for row in rows(recording, pytest.fail):
-        if not row.key.endswith("/card") and (message := row.received) is not None:
-            kept.add(Received(row.namespace, row.key, encode(message), row.t))
-    kept.close()
+    unmet = copied(recording, tmp_path / "unmet.mcap", lambda key, _: not key.endswith("/card"))
     code, found = audit(unmet, "--only", "path")
     assert (code, found["promises"][0]["occasion"]) == (3, True)
     assert "card" in found["promises"][0]["what"]
@@ -306,12 +280,7 @@ def test_without_a_society_nothing_is_known(
 
 
 def test_a_recording_of_several_robots_is_not_judged(audit: Audit, tmp_path: Path) -> None:
-    both = tmp_path / "both.mcap"
-    kept = Recording(both)
-    for name in ("robot1", "robot2"):
-        kept.add(Presence(name, "goto", f"goto-{name}", True, 10**9))
-    kept.close()
-    code, found = audit(both)
+    code, found = audit(of_two_robots(tmp_path / "both.mcap"))
     assert (code, "name one robot" in found["error"]) == (2, True)
 
 

@@ -45,12 +45,17 @@ from tests.watch.kept import (
     state,
 )
 
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "a.rrd"
+
+
 # Entities -----------------------------------------------------------------------------------------
 
 
-def test_the_map_made_by_driving_is_at_its_place_in_the_world(tmp_path: Path) -> None:
+def test_the_map_made_by_driving_is_at_its_place_in_the_world(path: Path) -> None:
     states = np.array([[0, 1, 2], [1, 1, 0]], dtype=np.uint8)
-    path = tmp_path / "a.rrd"
     with drawn(path) as scene:
         scene.update(message_of(Cells(-1.0, 2.0, 0.5, states)), 1.0)
         scene.update(OccupancyGrid(0.0, 0.0, 0.5, 9, 9, b"no"), 9.0)
@@ -64,11 +69,10 @@ def test_the_map_made_by_driving_is_at_its_place_in_the_world(tmp_path: Path) ->
 
 
 def test_a_loop_is_drawn_when_it_closes_and_one_that_is_switched_off_in_another_colour(
-    tmp_path: Path,
+    path: Path,
 ) -> None:
     grid = message_of(Cells(0.0, 0.0, 0.5, np.ones((4, 4), dtype=np.uint8)), 1)
     poses = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0)]
-    path = tmp_path / "a.rrd"
     with drawn(path) as scene:
         scene.update(graph_message(1, poses, [(0, 2)], [False]), 0.5)  # no map is drawn yet
         scene.update(grid, 1.0)
@@ -100,8 +104,7 @@ def pose(number: int, xx: float, yy: float = 0.01, tt: float = 0.01) -> Pose:
     return Pose(cycle(number), 2.0, 1.0, 0.5, (xx, 0.0, 0.0, yy, 0.0, tt))
 
 
-def test_the_poses_covariance_is_drawn_as_an_ellipse_and_an_angle(tmp_path: Path) -> None:
-    path = tmp_path / "a.rrd"
+def test_the_poses_covariance_is_drawn_as_an_ellipse_and_an_angle(path: Path) -> None:
     with drawn(path) as scene:
         scene.update(Pose(cycle(1), 2.0, 1.0, 0.5), 0.0)  # no covariance
         scene.update(pose(2, 0.09), 1.0)
@@ -117,8 +120,7 @@ def test_the_poses_covariance_is_drawn_as_an_ellipse_and_an_angle(tmp_path: Path
     assert headings == pytest.approx([0.7, 0.3], abs=1e-5)
 
 
-def test_particles_are_drawn_until_they_time_out(tmp_path: Path) -> None:
-    path = tmp_path / "a.rrd"
+def test_particles_are_drawn_until_they_time_out(path: Path) -> None:
     with drawn(path) as scene:
         particles = particles_of(cycle(1), [(1.0, 2.0, 0.0), (3.0, -1.0, math.pi / 2)])
         scene.update(particles, 1.0)
@@ -133,8 +135,7 @@ def test_particles_are_drawn_until_they_time_out(tmp_path: Path) -> None:
     assert "origins" not in gone
 
 
-def test_queried_bids_are_drawn_at_the_times_of_their_cycles(tmp_path: Path) -> None:
-    path = tmp_path / "a.rrd"
+def test_queried_bids_are_drawn_at_the_times_of_their_cycles(path: Path) -> None:
     with drawn(path) as scene:
         for number in range(1, 6):
             scene.update(state(number), number / 10)
@@ -153,13 +154,12 @@ def test_queried_bids_are_drawn_at_the_times_of_their_cycles(tmp_path: Path) -> 
     assert len(avoid) == 3
 
 
-def test_a_scan_is_points_and_obstacles_are_those_of_all_sensors(tmp_path: Path) -> None:
+def test_a_scan_is_points_and_obstacles_are_those_of_all_sensors(path: Path) -> None:
     body = ("r", 0.1, 0.2, 0.2, 0.2, 1.0, 5.0, 0.3, 0.6, 1.7, 1.7, 0.3, 2.0)
     ranges = [1.0, 2.0, math.nan, math.inf, 9.0]
     scan = scan_of(cycle(1), ranges, (-0.2, 0.1), (0.1, 30.0), (0.1, 0.0, 0.0))
     laser = Obstacles(cycle(1), None, None, None, None, (m.Point(1, 0),), "laser")
     sonar = Obstacles(cycle(1), None, None, None, None, (m.Point(0, 1),))
-    path = tmp_path / "a.rrd"
     with drawn(path) as scene:
         scene.update(m.Description(*body, sensors=("laser", "sonar")), 0.0)
         scene.update(Pose(cycle(1), 5.0, 0.0, 0.0), 0.0)
@@ -178,8 +178,7 @@ def test_a_scan_is_points_and_obstacles_are_those_of_all_sensors(tmp_path: Path)
 
 
 @pytest.mark.long
-def test_drawing_rates_and_memory_are_bounded(tmp_path: Path) -> None:
-    path = tmp_path / "a.rrd"
+def test_drawing_rates_and_memory_are_bounded(path: Path) -> None:
     seconds, rate = 20, 200
     with drawn(path) as scene:
         for step in range(seconds * rate):
@@ -194,11 +193,8 @@ def test_drawing_rates_and_memory_are_bounded(tmp_path: Path) -> None:
     assert max(len(parts["positions"]) for _, parts in kept.rows["/p/map/world/echoes"]) <= 1500
 
 
-def test_a_file_without_its_footer_is_reported(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_without_its_footer_is_reported(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Rerun only logs it if the disk is full when it writes the footer."""
-    path = tmp_path / "a.rrd"
     finish(keep({"one": None}, path), path)
     whole = path.read_bytes()
 
@@ -228,10 +224,9 @@ def test_two_robots_have_separate_entities(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("profile", ["pioneer-2dx", "amigobot"])
 def test_the_robot_is_drawn_with_its_described_size_and_not_before(
-    tmp_path: Path, profile: str
+    path: Path, profile: str
 ) -> None:
     robot, pose = described(profile), Pose(cycle(1), 1.0, 2.0, 0.0)
-    path = tmp_path / "a.rrd"
     with drawn(path) as scene:
         scene.update(pose, 0.0)
         scene.update(robot, 0.1)

@@ -11,10 +11,9 @@ import urllib.error
 import urllib.parse
 import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
-import psutil
 import pytest
 
 pytest.importorskip("rerun", reason="the dashboard's extra is not installed")
@@ -32,8 +31,9 @@ from armadico.watch.commands import dashboard as command
 from armadico.watch.commands.dashboard_option import Dashboard
 from armadico.watch.dashboard import viewer
 from armadico.watch.screen import has_screen
-from tests.programs import SOON, starter
+from tests.programs import starter
 from tests.watch.kept import GOTO, NAMESPACE, Kept, ack, ballot, cycle, state
+from tests.watch.test_page import check_end_of
 
 LINK = "dashboard: "
 FLOOD = 10_000
@@ -180,19 +180,6 @@ def starting(world: str) -> Start:
 
 @pytest.mark.long
 @pytest.mark.live
-def test_beside_a_run_it_prints_its_link_and_ends_with_it(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    with Dashboard(dashboard=True).beside(starting("sc1")):
-        page = capsys.readouterr().err.removeprefix(LINK).strip()
-        with urllib.request.urlopen(page, timeout=20) as answer:
-            assert answer.status == 200
-    with pytest.raises(urllib.error.URLError):
-        urllib.request.urlopen(page, timeout=20)
-
-
-@pytest.mark.long
-@pytest.mark.live
 def test_a_run_waits_for_a_viewer_and_its_dashboard_stays_until_ctrl_c(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -288,11 +275,4 @@ def test_a_viewer_whose_dashboard_is_killed_ends_too() -> None:
         assert process.stdout is not None
         assert process.stdout.readline().startswith(LINK)
         (child,) = children(process.pid)
-        window = psutil.Process(child)
-        try:
-            process.send_signal(signal.SIGKILL)
-            _, left = psutil.wait_procs([window], timeout=SOON)
-            assert not left, "it would hold its port"
-        finally:
-            with suppress(psutil.NoSuchProcess):
-                window.kill()
+        check_end_of(child, process)

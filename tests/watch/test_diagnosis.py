@@ -98,15 +98,6 @@ def test_a_new_observer_names_the_cause_too(name: str) -> None:
     assert all(breakage.named in late.texts[command] for command in ("doctor", "why", "ps", "top"))
 
 
-def test_a_short_command_observes_for_longer_while_that_may_change_an_answer() -> None:
-    society = whole()
-    society.mesh.node("sonar").hang()
-    society.let_pass(1.5)
-    society.chronicle = Chronicle()
-    assert not settled(shown(society.let_pass(1.0)).findings)
-    assert settled(shown(society.let_pass(3.5)).findings)
-
-
 def test_what_was_not_observed_long_enough_is_unknown_and_no_accusation() -> None:
     """The first moments of any observer of a society that works."""
     society = whole()

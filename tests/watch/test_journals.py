@@ -17,8 +17,7 @@ from armadico.core import journal as j
 from armadico.core.messages import PROTOCOL, JournalPiece, encode
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
-from armadico.mesh.virtual import Node
-from armadico.observe.journals import Head, Journal, Pieces, stream
+from armadico.observe.journals import Journal, Pieces
 from armadico.observe.watching import Received
 from armadico.watch.recorder import McapFile, Recording
 from armadico.watch.recordings import Past, RecordingError
@@ -92,44 +91,10 @@ def test_a_run_is_the_same_with_and_without_journals(tmp_path: Path) -> None:
     ]
 
 
-def test_a_recording_has_complete_journals_of_all_agents(recording: Path) -> None:
-    found = Past(recording, pytest.fail).journals()
-    assert {journal.name for journal in found} >= {"robot", "goto", "avoid", "interface"}
-    for journal in found:
-        assert not journal.fault
-        assert isinstance(journal.head, Head)
-        numbers = [entry[0] for entry in journal.entries()]
-        assert numbers[:2] == [j.START, j.BEGIN]
-        assert numbers.count(j.DELIVER) > 10
-        assert journal.offset == pytest.approx(SECOND)
-
-
-def test_the_head_has_the_state_of_the_agents_random_numbers(recording: Path) -> None:
-    (goto,) = [each for each in Past(recording, pytest.fail).journals() if each.name == "goto"]
-    assert goto.head is not None
-    options = Options(seed=5, limit=3.0, sensors="ideal")
-    node: Node = Rehearsal(prepared(load_scenario("sc4"), options), options).mesh.node("goto")
-    assert stream(goto.head.random).getstate() == node.agent.kernel.drawn
-
-
 def test_pieces_are_assembled_in_the_order_of_their_numbers() -> None:
     one, two, three = pieces(head(), [j.BEGIN, 1.0], [j.WAKE, 2.0])
     journal = read(three, one, two, one)
     assert [entry[0] for entry in journal.entries()] == [j.START, j.BEGIN, j.WAKE]
-
-
-def test_a_journal_is_read_up_to_a_gap() -> None:
-    one, two, _, four = pieces(head(), [j.BEGIN, 1.0], [j.WAKE, 2.0], [j.WAKE, 3.0])
-    journal = read(one, two, four)
-    assert "piece 2 of 4" in journal.fault
-    assert [entry[0] for entry in journal.entries()] == [j.START, j.BEGIN]
-
-
-def test_a_journal_that_began_before_the_recording_has_no_head() -> None:
-    _, two = pieces(head(), [j.BEGIN, 1.0])
-    journal = read(two)
-    assert journal.head is None
-    assert journal.fault
 
 
 @pytest.mark.parametrize(
@@ -208,13 +173,6 @@ def test_a_recording_of_several_files_is_read_as_one(tmp_path: Path) -> None:
     assert len(past.paths) == 4
     (journal,) = past.journals()
     assert len([*journal.frames]) == 3
-
-
-def test_a_recording_of_another_protocol_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    Recording(path, {"protocol": str(PROTOCOL + 1), "version": "9"}).close()
-    with pytest.raises(RecordingError, match=f"{PROTOCOL + 1}.* {PROTOCOL}"):
-        Past(path, pytest.fail).check()
 
 
 def test_a_recording_of_another_program_is_refused(tmp_path: Path) -> None:

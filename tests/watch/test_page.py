@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import signal
-import socket
 import subprocess
 import sys
 import urllib.error
@@ -16,7 +15,6 @@ from pathlib import Path
 import psutil
 import pytest
 
-from armadico.cli import main as armadico
 from armadico.cli.additions import Start
 from armadico.cli.options import Mesh
 from armadico.config.scenarios import load_scenario
@@ -27,22 +25,6 @@ from armadico.watch.commands.page_option import OfRun
 from tests.programs import SOON, starter
 
 LINK = re.compile(r"page: (http://\S+?:(\d+)/)(?:#token=(\S+))?(?: \(also at .*\))?\n")
-
-
-def refusal(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
-    return armadico(["page", *words]), capsys.readouterr().err
-
-
-@pytest.mark.live
-def test_a_port_that_is_taken_is_named_with_what_to_do(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        code, said = refusal(capsys, f"--port={port}")
-    assert code == 1
-    assert f"cannot listen on 127.0.0.1, port {port}" in said
-    assert "--port 0" in said
 
 
 def page_of(process: subprocess.Popen[str]) -> str:
@@ -77,6 +59,18 @@ def test_beside_a_society_it_is_there_until_that_is_ended() -> None:
             read(link)
 
 
+def check_end_of(pid: int, process: subprocess.Popen[str]) -> None:
+    """A process ends with another one that is killed."""
+    beside = psutil.Process(pid)
+    try:
+        process.send_signal(signal.SIGKILL)
+        _, left = psutil.wait_procs([beside], timeout=SOON)
+        assert not left, "it would hold its port"
+    finally:
+        with suppress(psutil.NoSuchProcess):
+            beside.kill()
+
+
 @pytest.mark.live
 def test_beside_a_command_that_is_killed_it_ends_too(tmp_path: Path) -> None:
     script = """if True:
@@ -92,14 +86,7 @@ def test_beside_a_command_that_is_killed_it_ends_too(tmp_path: Path) -> None:
     with starter((sys.executable, "-c", script), cwd=tmp_path) as start:
         process = start()
         assert process.stdout is not None
-        page = psutil.Process(int(process.stdout.readline()))
-        try:
-            process.send_signal(signal.SIGKILL)
-            _, left = psutil.wait_procs([page], timeout=SOON)
-            assert not left, "it would hold its port"
-        finally:
-            with suppress(psutil.NoSuchProcess):
-                page.kill()
+        check_end_of(int(process.stdout.readline()), process)
 
 
 @pytest.mark.long

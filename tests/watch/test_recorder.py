@@ -43,13 +43,16 @@ POSE = Pose(CYCLE, 1.5, -2.0, 0.25)
 CLAIM = m.Claim("wheels", BALLOT, CYCLE, 0.6, False, (0.3, 0.1), (0.2, 0.0))
 SONAR = Sonar(CYCLE, 5.0, (Echo(0.1, 0.2, 0.3, None), Echo(0.1, 0.2, 0.3, 2.0)))
 STATE = m.RobotState(CYCLE, 1, 2, 3, 0.5, 0, 12.5, True, False)
-ACK = m.Ack("wheels", CYCLE, BALLOT, None, CYCLE, measured=(0.5, 0.0))
-COMMAND = m.Command("wheels", CYCLE, BALLOT, (0.5, 0.0))
 RELEASE = m.Command("wheels", CYCLE, BALLOT, None)
 ENCODED = m.Claim("arm", BALLOT, CYCLE, 0.6, wanted=b"\x00\xff", commanded=b"")
 CARD = m.Card("goto", "goto-1", "lab1", 7, "1", 1, ("a",), ("b",), ("wheels",))
 SECOND = 1_000_000_000
 MEMORY = 1_000_000_000
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "run.mcap"
 
 
 def received(key: str, message: m.Message, at: int = 0, *, on_query: bool = False) -> Received:
@@ -111,19 +114,7 @@ def test_an_encoded_action_is_hexadecimal_text_in_a_separate_field() -> None:
         from_object(m.Claim, found | {"wanted_hex": "not hexadecimal"})
 
 
-def test_messages_are_read_in_order(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    recorded(path, received("encoder/pose", POSE, 5), received("resource/wheels/utility", CLAIM, 6))
-    back = read(path)
-    assert [(row.t, row.topic) for row in back] == [
-        (5, "/robot1/encoder/pose"),
-        (6, "/robot1/resource/wheels/utility"),
-    ]
-    assert [row.message for row in back] == [POSE, CLAIM]
-
-
-def test_other_readers_find_schemas_and_an_index(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+def test_other_readers_find_schemas_and_an_index(path: Path) -> None:
     recorded(path, received("encoder/pose", POSE, 5))
     with path.open("rb") as stream:
         summary = make_reader(stream).get_summary()
@@ -137,8 +128,7 @@ def test_other_readers_find_schemas_and_an_index(tmp_path: Path) -> None:
         assert json.loads(message.data)["x"] == POSE.x
 
 
-def test_unknown_and_invalid_payloads_are_recorded_raw(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+def test_unknown_and_invalid_payloads_are_recorded_raw(path: Path) -> None:
     strange = Received("robot1", "other/key", b"\x01\x02", 1)
     broken = Received("robot1", "encoder/pose", b"\xff", 2)
     recording = recorded(path, strange, broken)
@@ -149,8 +139,7 @@ def test_unknown_and_invalid_payloads_are_recorded_raw(tmp_path: Path) -> None:
     ]
 
 
-def test_repeated_tokens_and_cards_are_recorded_once(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+def test_repeated_tokens_and_cards_are_recorded_once(path: Path) -> None:
     came = Presence("robot1", "goto", "goto-1", True, 1)
     gone = Presence("robot1", "goto", "goto-1", False, 2)
     card = received("agent/goto/goto-1/card", CARD, 1, on_query=True)
@@ -162,8 +151,7 @@ def test_repeated_tokens_and_cards_are_recorded_once(tmp_path: Path) -> None:
     ]
 
 
-def test_each_bid_of_overlapping_histories_is_recorded_once(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+def test_each_bid_of_overlapping_histories_is_recorded_once(path: Path) -> None:
     key = "agent/goto/goto-1/bids"
     answers = [
         received(key, m.BidHistory("goto-1", tuple(map(bid, numbers))), on_query=True)
@@ -173,8 +161,7 @@ def test_each_bid_of_overlapping_histories_is_recorded_once(tmp_path: Path) -> N
     assert [row.message for row in read(path)] == [bid(n) for n in (1, 2, 3, 4, 9)]
 
 
-def test_each_file_of_a_recording_can_be_read_alone(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+def test_each_file_of_a_recording_can_be_read_alone(tmp_path: Path, path: Path) -> None:
     came = Presence("robot1", "goto", "goto-1", True, 1)
     card = received("agent/goto/goto-1/card", CARD, 1, on_query=True)
     poses = [received("encoder/pose", POSE, n) for n in range(80)]
@@ -209,13 +196,6 @@ def test_a_recording_ends_between_two_messages(tmp_path: Path) -> None:
     record(crowd, recording, lambda _: None, over=lambda: crowd.count == 7)
     recording.close()
     assert len(read(recording.path)) == 7
-
-
-def test_a_recording_is_not_overwritten(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    recorded(path, received("encoder/pose", POSE))
-    with pytest.raises(FileExistsError):
-        Recording(path)
 
 
 def test_flushed_messages_are_read_wherever_the_file_ends(tmp_path: Path) -> None:
@@ -276,8 +256,7 @@ def test_a_damaged_byte_is_reported_and_what_precedes_it_is_read(
     assert found == [1, 2, 3, 4, 5] or "mcap recover" in warnings[0]
 
 
-def test_a_file_larger_than_the_memory_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+def test_a_file_larger_than_the_memory_is_read(path: Path) -> None:
     recording = recorded(path, *(received("robot/state", STATE, n) for n in range(3)))
     with recording.path.open("r+b") as file:
         file.truncate(MEMORY)  # a hole, and no end
@@ -319,9 +298,8 @@ def test_a_damaged_recording_tells_how_many_messages_are_missing(tmp_path: Path)
     assert "2 messages could be read, up to 0.0 s, 7 are missing" in warnings[0]
 
 
-def test_tables_are_not_written_beside_those_of_another_recording(tmp_path: Path) -> None:
+def test_tables_are_not_written_beside_those_of_another_recording(path: Path) -> None:
     """Tables of topics that the new one lacks would stay, and be taken for its own."""
-    path = tmp_path / "run.mcap"
     recorded(path, received("robot/state", STATE, 1))
     assert call("export", str(path), "--to", "csv").returncode == 0
     again = call("export", str(path), "--to", "csv")
@@ -329,8 +307,9 @@ def test_tables_are_not_written_beside_those_of_another_recording(tmp_path: Path
     assert "run-csv holds tables already; name another folder with --out" in again.stderr
 
 
-def test_an_export_names_the_files_in_which_the_recording_continues(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+def test_an_export_names_the_files_in_which_the_recording_continues(
+    tmp_path: Path, path: Path
+) -> None:
     recorded(path, received("robot/state", STATE, 1))
     for number in (1, 2):
         (tmp_path / f"run-00{number}.mcap").write_bytes(path.read_bytes())
@@ -342,8 +321,7 @@ def test_an_export_names_the_files_in_which_the_recording_continues(tmp_path: Pa
     assert "continues" not in last.stderr
 
 
-def test_tables_of_a_world_are_refused_as_they_have_no_walls(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+def test_tables_of_a_world_are_refused_as_they_have_no_walls(tmp_path: Path, path: Path) -> None:
     recorded(path, received("robot/state", STATE, 1))
     refused = call("export", str(path), "--to", "csv", "--world", "sc1")
     assert refused.returncode == options.USAGE
@@ -351,8 +329,7 @@ def test_tables_of_a_world_are_refused_as_they_have_no_walls(tmp_path: Path) -> 
     assert not (tmp_path / "run-csv").exists()
 
 
-def test_tables_have_a_file_per_topic_and_a_column_per_field(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+def test_tables_have_a_file_per_topic_and_a_column_per_field(tmp_path: Path, path: Path) -> None:
     released = m.Claim("wheels", BALLOT, CYCLE, None)
     recorded(
         path,
@@ -390,18 +367,14 @@ def test_a_recording_is_drawn_like_the_dashboard(tmp_path: Path) -> None:
     assert out.stat().st_size > 1000
 
 
-def test_of_several_robots_one_is_drawn(tmp_path: Path) -> None:
+def test_of_several_robots_one_is_drawn(tmp_path: Path, path: Path) -> None:
     pytest.importorskip("rerun")
-    path = tmp_path / "run.mcap"
     recorded(
         path, received("robot/state", STATE), Received("robot2", "robot/state", m.encode(STATE), 1)
     )
     with pytest.raises(RecordingError, match="robot1, robot2"):
         to_rrd(path, tmp_path / "run.rrd", None, None, {}, lambda _: None)
     assert to_rrd(path, tmp_path / "run.rrd", "robot2", None, {}, lambda _: None) == 1
-
-
-# Keys ---------------------------------------------------------------------------------------------
 
 
 # Journals -----------------------------------------------------------------------------------------

@@ -56,42 +56,10 @@ def test_a_robot_that_stays_lost_by_laser_is_told_how_to_measure_the_mounting_of
         assert found.todo.count("`armadico mounting`") == told
 
 
-def test_the_chain_ends_at_the_agent_that_is_not_alive() -> None:
-    society = Observed().drive()
-    society.mesh.node("sonar").kill()
-    found = society.let_pass(3.0).standing
-    assert found.cause is not None
-    assert (found.cause.sort, found.cause.who) == (Sort.ABSENT, "sonar")
-    assert any("goto" in each and "sonar/obstacles" in each for each in found.sentences)
-
-
-def test_while_the_robots_router_cannot_be_reached_that_is_the_cause() -> None:
-    society = Observed().drive()
-    society.view.router(there=False, t=society.mesh.now)
-    found = standing(society.view, society.mesh.now + 4.0)
-    assert found.cause is not None
-    assert (found.cause.sort, found.cause.who) == (Sort.UNREACHABLE, "robot")
-    assert "for 4.0 s" in found.cause.what
-    society.view.router(there=True, t=society.mesh.now + 4.0)
-    assert society.standing.cause is None
-
-
-def test_a_new_observer_names_the_installed_agent_that_provides_the_missing_key() -> None:
+def test_a_new_observer_names_the_installed_agent_or_the_host_that_provides_the_missing_key() -> (
+    None
+):
     """It has no card of an agent that ended before."""
-    society = Observed().drive()
-    society.mesh.node("sonar").kill()
-    society.let_pass(3.0)
-    society.chronicle = Chronicle()
-    society.let_pass(2.0)
-    unknown = society.standing.cause
-    known = standing(society.view, society.mesh.now, Demand(installed=providers)).cause
-    assert unknown is not None
-    assert known is not None
-    assert (unknown.sort, unknown.who) == (Sort.ABSENT, "sonar/obstacles")
-    assert (known.sort, known.who) == (Sort.ABSENT, "sonar")
-
-
-def test_a_host_of_the_table_without_agents_is_named_with_the_command_to_start_it() -> None:
     society = Observed().drive()
     society.mesh.node("sonar").kill()
     society.let_pass(3.0)
@@ -99,12 +67,20 @@ def test_a_host_of_the_table_without_agents_is_named_with_the_command_to_start_i
     society.let_pass(2.0)
     here = [name for name in society.view.names if name != "sonar"]
     table = {"lab1": here, "lab2": ("sonar",)}
-    found = standing(society.view, society.mesh.now, Demand(table, "a1b2", providers))
-    assert found.cause is not None
-    assert (found.cause.sort, found.cause.who) == (Sort.HOST, "lab2")
-    assert "lab2" in found.sentences[-1]
-    assert "sonar" in found.sentences[-1]
-    assert "`armadico up --host lab2`" in found.cause.todo
+
+    def cause(demand: Demand) -> Finding:
+        found = standing(society.view, society.mesh.now, demand).cause
+        assert found is not None
+        return found
+
+    unknown, known = cause(Demand()), cause(Demand(installed=providers))
+    assert (unknown.sort, unknown.who) == (Sort.ABSENT, "sonar/obstacles")
+    assert (known.sort, known.who) == (Sort.ABSENT, "sonar")
+    host = cause(Demand(table, "a1b2", providers))
+    assert (host.sort, host.who) == (Sort.HOST, "lab2")
+    assert "lab2" in host.what
+    assert "sonar" in host.what
+    assert "`armadico up --host lab2`" in host.todo
 
 
 def test_if_no_agent_is_alive_the_hosts_of_the_table_are_named() -> None:
@@ -223,19 +199,6 @@ def test_an_agent_that_has_just_started_has_not_failed_yet() -> None:
         assert cause is not None
         sorts.append(cause.sort)
     assert sorts == [Sort.STARTING, Sort.STARTING, Sort.DEVICE]
-
-
-def test_a_fault_on_the_robot_agents_card_is_quoted() -> None:
-    known = Observed().view
-    robot = next(each for each in known.agents if each.name == "robot")
-    assert robot.card is not None
-    view = View()
-    view.token(robot.instance, there=True, t=0.0)
-    view.learn(replace(robot.card, fault="Rob is a p3dx, and not a p2dx"), 100.0)
-    found = standing(view, 100.1)
-    assert found.cause is not None
-    assert found.cause.sort is Sort.DEVICE
-    assert "not a p2dx" in found.cause.what
 
 
 def test_an_input_that_has_just_returned_is_not_reported_as_missing() -> None:

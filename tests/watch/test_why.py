@@ -14,25 +14,17 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from armadico.bridge.p2os.commands import Cmd, command
 from armadico.config.scenarios import Scenario, ideal, load_scenario
 from armadico.core.exchange import Bid
 from armadico.core.messages import PROTOCOL, Ack, Cycle, RobotState, Stop
 from armadico.core.resources import WHEELS, Resource, declare
 from armadico.mesh.link_faults import WHOLE
-from armadico.mobile.messages import Correction, MissionRequest, Waypoint
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe.findings import Finding, Sort
 from armadico.watch.why import Chronicle
 from tests.robot.launch.test_blocked import ONE_DOOR, door
+from tests.watch.broken import hang, kill
 from tests.watch.observed import LINE, Observed
-
-BASE = ("robot", "encoder", "sonar")
-LAB = ("goto", "avoid", "interface", "path-planning")
-
-
-def two_hosts(name: str) -> str:
-    return "base" if name in BASE else "lab"
 
 
 def standing(society: Observed) -> Finding | None:
@@ -68,18 +60,6 @@ class Incident:
     begin: Callable[[Path], Observed] = lambda _: Observed().drive()
 
 
-def kill(*names: str) -> Callable[[Observed], object]:
-    return lambda society: [society.mesh.node(name).kill() for name in names]
-
-
-def hang(name: str) -> Callable[[Observed], object]:
-    return lambda society: society.mesh.node(name).hang()
-
-
-def cut(sources: tuple[str, ...], targets: tuple[str, ...]) -> Callable[[Observed], object]:
-    return lambda society: society.mesh.cut(sources, targets)
-
-
 def lost_between(source: str, *targets: str) -> Callable[[Observed], object]:
     """The router forwards nothing to the targets; there is no direct link to cut."""
 
@@ -110,27 +90,6 @@ def foreign(society: Observed) -> None:
     goto.kernel.card = lambda: replace(card(), protocol=PROTOCOL + 1)  # type: ignore[method-assign]
 
 
-def sees_no_way(society: Observed) -> None:
-    society.agent("goto").propose = lambda *_: Bid(0.9, (0.0, 0.0), reason="shut in")
-
-
-def lost(society: Observed) -> None:
-    """Corrections have a large covariance."""
-
-    def publish(_a: object, _b: object) -> None:
-        state = society.view.state
-        assert state is not None
-        wide = (4.0, 0.0, 0.0, 4.0, 0.0, 1.0)
-        society.mesh.publish(Correction(state.cycle, 0, 0, 0, wide, 0.0))
-        society.mesh.call_at(society.mesh.now + 0.1, publish)
-
-    publish(None, None)
-
-
-def motors_off(society: Observed) -> None:
-    society.run.robot.receive(command(Cmd.ENABLE, 0), society.mesh.now)
-
-
 def blind(society: Observed) -> None:
     """The sonar agent reports that nothing is near, whatever it receives."""
     sonar, robot = society.agent("sonar"), society.agent("robot")
@@ -152,10 +111,6 @@ def heedless(society: Observed) -> None:
     goto.propose = lambda *_: Bid(1.0, (0.7, 0.0), critical=True)
 
 
-def into_the_wall(society: Observed) -> None:
-    society.mesh.query(MissionRequest(Waypoint(0.0, 0.0, 0.0)), lambda _: None)
-
-
 def shipped(name: str, seconds: float, *agents: str) -> Callable[[Path], Observed]:
     return lambda _: Observed(scenario=scenario(name, *agents)).drive(seconds)
 
@@ -173,10 +128,6 @@ def driven_by(name: str, scene: str) -> Callable[[Path], Observed]:
         return society
 
     return begin
-
-
-def without(name: str) -> Scenario:
-    return replace(LINE, agents=tuple(agent for agent in LINE.agents if agent != name))
 
 
 def scenario(name: str, *agents: str) -> Scenario:
@@ -202,20 +153,11 @@ def nothing(_: Observed) -> None:
 
 INCIDENTS: dict[str, Incident] = {
     "hung sonar": Incident(hang("sonar"), Sort.SILENT, "sonar"),
-    "dead encoder": Incident(kill("encoder"), Sort.ABSENT, "encoder"),
     "stale pose": Incident(late_to_the_encoder, Sort.STALE, "encoder"),
-    "hung goto": Incident(hang("goto"), Sort.SILENT, "goto"),
     "commands beyond the limits": Incident(bids(50.0), Sort.REFUSED, "goto"),
     "another protocol": Incident(foreign, Sort.FOREIGN, "goto", seconds=6.0),
-    "cut to the robot": Incident(cut(("goto",), ("robot",)), Sort.LINK, "goto -> robot"),
     "lost on the way to the behaviours": Incident(
         lost_between("encoder", "goto", "avoid"), Sort.LINK, "encoder -> avoid"
-    ),
-    "goal in a wall": Incident(
-        into_the_wall,
-        Sort.REFUSED_GOAL,
-        "",
-        begin=lambda _: Observed(scenario=load_scenario("rooms-a")),
     ),
     "shut door": Incident(nothing, Sort.NO_WAY, "", seconds=25.0, begin=behind_a_door),
     "outbid": Incident(

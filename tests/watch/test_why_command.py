@@ -13,14 +13,9 @@ pytest.importorskip("mcap")
 
 from armadico import cli
 from armadico.cli import options
-from armadico.core.messages import PROTOCOL, BidHistory, BidRecord, Card, Stop, encode
-from armadico.launch.society import Options
-from armadico.launch.virtual import Rehearsal
-from armadico.observe.watching import Presence, Received
+from armadico.core.messages import PROTOCOL, Stop
 from armadico.watch.recorder import Recording
-from armadico.watch.recordings import rows
-from armadico.watch.virtual_recording import BEGUN, Recorded
-from tests.watch.observed import LINE
+from tests.watch.made import copied, of_two_robots, recorded
 
 Ask = Callable[..., Any]
 
@@ -29,17 +24,13 @@ Ask = Callable[..., Any]
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """It drives; anna stops it at 3 s, bert lets it go on at 7 s; at 9 s its sonar agent dies."""
     path = tmp_path_factory.mktemp("why") / "run.mcap"
-    run = Rehearsal(LINE, Options(seed=4))
-    mesh = run.mesh
-    stops = [(3.0, Stop(1, True, "anna", 7)), (7.0, Stop(2, False, "bert", 7))]
-    for at, stop in stops:
-        mesh.call_at(at, lambda said, _: mesh.publish(said), stop)
-    mesh.call_at(9.0, lambda _a, _b: mesh.node("sonar").kill())
-    with Recorded(mesh, path, run.namespace) as kept:
+    with recorded(path) as run:
+        mesh = run.mesh
         run.start()
+        for at, stop in (3.0, Stop(1, True, "anna", 7)), (7.0, Stop(2, False, "bert", 7)):
+            mesh.call_at(at, lambda said, _: mesh.publish(said), stop)
+        mesh.call_at(9.0, lambda _a, _b: mesh.node("sonar").kill())
         run.begin()
-        mesh.run(6.0)
-        kept.recording.flush()
         mesh.run(14.0)
     return path
 
@@ -54,19 +45,6 @@ def query(recording: Path, capsys: pytest.CaptureFixture[str]) -> Ask:
         return json.loads(out) if code == 0 else (code, err)
 
     return put
-
-
-def copied(recording: Path, to: Path, keep: Callable[[str, float], bool]) -> None:
-    """Write a recording with the messages to keep, by key and time, s."""
-    kept = Recording(to)
-    for row in rows(recording, pytest.fail):
-        if not row.schema or row.message is None or not keep(row.key, row.t / 1e9 - BEGUN):
-            continue
-        message = row.message
-        on_query = isinstance(message, Card | BidHistory)
-        if not isinstance(message, BidRecord):
-            kept.add(Received(row.namespace, row.key, encode(message), row.t, on_query))
-    kept.close()
 
 
 def test_what_happened_is_told_in_order(query: Ask) -> None:
@@ -98,8 +76,7 @@ def test_a_bid_that_nobody_asked_for_in_time_is_recomputed_from_the_journal(
 ) -> None:
     """Avoid dies between two askings: what it thought of the last moment nobody was told."""
     path = tmp_path / "dies.mcap"
-    run = Rehearsal(LINE, Options(seed=4))
-    with Recorded(run.mesh, path, run.namespace):
+    with recorded(path) as run:
         run.start()
         run.begin()
         run.mesh.run(4.95)
@@ -179,20 +156,14 @@ def test_a_recording_of_another_protocol_or_of_several_robots_is_refused(
     code, said = query(path=newer)
     assert code == 2
     assert f"recorded with protocol {PROTOCOL + 1}" in said
-    both = tmp_path / "both.mcap"
-    kept = Recording(both)
-    for name in ("robot1", "robot2"):
-        kept.add(Presence(name, "goto", f"goto-{name}", True, 10**9))
-    kept.close()
-    code, said = query(path=both)
+    code, said = query(path=of_two_robots(tmp_path / "both.mcap"))
     assert code == 2
     assert "holds robot1, robot2; name one robot" in said
 
 
 def test_a_gap_is_not_blamed_on_the_robot(recording: Path, query: Ask, tmp_path: Path) -> None:
     """Between two seconds nothing was kept."""
-    gap = tmp_path / "gap.mcap"
-    copied(recording, gap, lambda _, t: not 5.0 < t < 11.0)
+    gap = copied(recording, tmp_path / "gap.mcap", lambda _, t: not 5.0 < t < 11.0)
     found = query("--standing", "--at", "9.0", path=gap)
     assert (found["cause"]["sort"], found["cause"]["who"]) == ("unknown", "")
     assert "a recording has a gap" in found["cause"]["what"]
@@ -209,8 +180,9 @@ def test_a_gap_is_not_blamed_on_the_robot(recording: Path, query: Ask, tmp_path:
 def test_events_that_nothing_counted_are_unknown_and_not_none(
     recording: Path, query: Ask, tmp_path: Path, key: str, what: str, why: str
 ) -> None:
-    blind = tmp_path / "blind.mcap"
-    copied(recording, blind, lambda row_key, _: not row_key.startswith(key))
+    blind = copied(
+        recording, tmp_path / "blind.mcap", lambda row_key, _: not row_key.startswith(key)
+    )
     found = query(path=blind)
     assert found["unknown"][what] == why
     assert found[f"{what}s"] is None
@@ -222,10 +194,10 @@ def test_events_that_nothing_counted_are_unknown_and_not_none(
 def test_events_after_the_last_message_that_counts_them_are_unknown(
     recording: Path, query: Ask, tmp_path: Path
 ) -> None:
-    blind = tmp_path / "blind.mcap"
-    copied(recording, blind, lambda key, t: key != "sim/truth" or not 4.1 < t < 8.1)
+    blind = copied(
+        recording, tmp_path / "blind.mcap", lambda key, t: key != "sim/truth" or not 4.1 < t < 8.1
+    )
     assert "was received from 4" in query(path=blind)["unknown"]["collision"]
-    ended = tmp_path / "ended.mcap"
-    copied(recording, ended, lambda key, t: key != "sim/truth" or t < 4.2)
+    ended = copied(recording, tmp_path / "ended.mcap", lambda key, t: key != "sim/truth" or t < 4.2)
     assert "was received after 4" in query(path=ended)["unknown"]["collision"]
     assert query()["unknown"] == {}

@@ -18,7 +18,8 @@ from armadico.launch.client import Client
 from armadico.mesh.door import CLIENT, MCP, ROBOT
 from armadico.mesh.ports import free_port
 from armadico.runtime.process import AgentHost, identity
-from armadico.watch.assistant.assistant import Assistant, Parameters
+from armadico.watch.assistant.assistant import Assistant
+from armadico.watch.assistant.keeper import Parameters
 from armadico.watch.assistant.messages import AssistantReply, AssistantRequest
 from armadico.watch.assistant.policy.ledger import lines_of
 from armadico.watch.assistant.policy.messages import Answered, ApprovalAnswer, Choice

@@ -39,8 +39,8 @@ def test_one_of_several_robots_is_stopped_alone() -> None:
 
 
 def test_missions_are_ordered_by_name_and_unknown_names_are_refused(stage: Stage) -> None:
-    answer = stage.answer(stage.request("page 1", "order", mission="elsewhere"))
+    answer = stage.ask("page 1", "order", mission="elsewhere")
     assert not answer["ok"]
     assert "'elsewhere'" in answer["text"]
-    answer = stage.answer(stage.request("page 1", "order", mission="surveillance"))
+    answer = stage.ask("page 1", "order", mission="surveillance")
     assert not answer["ok"]  # no agent plans missions here

@@ -11,7 +11,8 @@ from armadico.config.scenarios import load_scenario
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
 from armadico.mobile.messages import Trajectory, Truth
-from armadico.watch.assistant.assistant import Assistant, Parameters
+from armadico.watch.assistant.assistant import Assistant
+from armadico.watch.assistant.keeper import Parameters
 from armadico.watch.assistant.messages import AssistantReply, AssistantRequest
 from tests.driven import Driven
 from tests.watch.test_assistant import Counter

@@ -16,7 +16,11 @@ pytest.importorskip("mcap_ros2")
 from armadico.config.worlds import load_world
 from armadico.mobile.geometry import Pose2, compose, to_world
 from tests.ros2.ros2_reader import mcap_support
-from tests.watch.test_virtual_recording import run, stamp
+from tests.watch.test_virtual_recording import run
+
+
+def stamp(header: Any) -> tuple[int, int]:
+    return header.stamp.sec, header.stamp.nanosec
 
 
 def frames(found: dict[str, list[Any]]) -> dict[str, dict[tuple[int, int], Pose2]]:

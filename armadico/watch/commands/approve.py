@@ -7,15 +7,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UnknownError, UsageError
 from armadico.cli.parsing import Command, argument, flag, group, option
 
 if TYPE_CHECKING:
+    from armadico.core.messages import Message
     from armadico.launch.client import Client
     from armadico.watch.assistant.policy.messages import Approval, Approvals
+
+M = TypeVar("M", bound="Message")
 
 FIND_S: Final = 3.0
 """The timeout for what waits, which is published each second."""
@@ -118,18 +121,15 @@ def _rehearsed(client: Client, each: Approval) -> str:
     found = installed(REHEARSALS).get("virtual")
     if found is None:
         return ""
-    x_y = tuple(each.goal)
-    errand = {"goal": [*x_y, None]} if x_y else {"mission": _named(each)}
+    if each.goal:
+        errand = {"goal": [*each.goal, None]}
+    else:  # a mission, of which the assistant agent has checked the request
+        errand = {"mission": json.loads(each.request.text)["name"]}
     try:
         answer = found.load()(client.mesh, errand, samples=SAMPLES, within_s=WITHIN_S)
     except (ConfigError, SocietyError, MeshError) as error:
         return f"unknown: {error}"  # a person decides nevertheless, and sees all else
     return f"{answer['answer']}: {answer['says']}"
-
-
-def _named(each: Approval) -> str:
-    """The mission that is asked for, which the assistant agent has checked."""
-    return str(json.loads(each.request.text)["name"])
 
 
 def _answer(args: Options, code: str) -> int:
@@ -148,13 +148,18 @@ def _answer(args: Options, code: str) -> int:
     return 0
 
 
+def _received(client: Client, kind: type[M]) -> M | None:
+    """Return the newest message of a kind; None: none came in time."""
+    client.listen(kind)
+    return client.wait_for(lambda: client.latest(kind), FIND_S)
+
+
 def _known(client: Client) -> Approvals:
     """Return what waits. Raises AbsentError if no assistant agent is alive."""
     from armadico.runtime.errors import AbsentError
     from armadico.watch.assistant.policy.messages import Approvals
 
-    client.listen(Approvals)
-    found = client.wait_for(lambda: client.latest(Approvals), FIND_S)
+    found = _received(client, Approvals)
     if found is None:
         raise AbsentError("no assistant agent is alive", client.mesh.namespace)
     return found
@@ -180,6 +185,7 @@ def _plain(each: Approval) -> dict[str, object]:
 def _log(args: Options, which: str) -> int:
     """Check a log by its own chain, and its end by what the society remembers."""
     from armadico.watch.assistant.policy.ledger import against, check, lines_of
+    from armadico.watch.assistant.policy.messages import Ledger
 
     try:
         found = check(lines_of(Path(which)))
@@ -190,7 +196,7 @@ def _log(args: Options, which: str) -> int:
     ledger, why = None, "no agent of a society remembers its length"
     try:
         with args.mesh.client() as client:
-            ledger = _ledger(client)
+            ledger = _received(client, Ledger)
     except FailedError as error:  # no society is up: what the log says of itself counts yet
         why = str(error)
     if ledger is None:
@@ -198,19 +204,11 @@ def _log(args: Options, which: str) -> int:
             f"{which}: the chain of its {found.entries} entries holds; whether it was cut at its"
             f" end is not known: {why}"
         )
-    if fault := against(found, *ledger):
+    if fault := against(found, ledger.counter, ledger.head):
         raise FailedError(f"{which}: {fault}")
     whole = {"entries": found.entries, "head": found.head}
     print(json.dumps(whole) if args.json else f"{which}: whole, {found.entries} entries")
     return 0
-
-
-def _ledger(client: Client) -> tuple[int, str] | None:
-    from armadico.watch.assistant.policy.messages import Ledger
-
-    client.listen(Ledger)
-    found = client.wait_for(lambda: client.latest(Ledger), FIND_S)
-    return None if found is None else (found.counter, found.head)
 
 
 def _check(args: Options, which: str) -> int:

@@ -63,12 +63,6 @@ class Graph:
     keys: list[str]
     edges: frozenset[tuple[str, str]]
 
-    def publishers(self, key: str) -> list[str]:
-        return sorted(a for a, b in self.edges if b == key)
-
-    def subscribers(self, key: str) -> list[str]:
-        return sorted(b for a, b in self.edges if a == key)
-
 
 def graph(cards: Iterable[Card]) -> Graph:
     from armadico.core.services import Kind, services
@@ -101,12 +95,14 @@ def _keys_of(resource: str) -> tuple[str, str, str]:
 
 
 def text(found: Graph) -> str:
+    """A line for each key: its publishers and its subscribers."""
     width = max(map(len, found.keys), default=0)
-    return "\n".join(
-        f"{key:<{width}}  {', '.join(found.publishers(key)) or '-'} -> "
-        f"{', '.join(found.subscribers(key)) or '-'}"
-        for key in found.keys
-    )
+    edges, lines = sorted(found.edges), []
+    for key in found.keys:
+        publishers = ", ".join(a for a, b in edges if b == key) or "-"
+        subscribers = ", ".join(b for a, b in edges if a == key) or "-"
+        lines.append(f"{key:<{width}}  {publishers} -> {subscribers}")
+    return "\n".join(lines)
 
 
 def mermaid(found: Graph) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import secrets
-import socket
 import sys
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
@@ -83,8 +82,12 @@ class Options:
 
 def run(args: Options) -> int:
     """Serve until standard input ends, or by HTTP until Ctrl-C."""
+    from armadico.watch.commands.page import guard_of
+
     places = options.gazetteer(args.world, args.mesh.namespace)
-    guard = None if args.http is None else _guard(args.http, args.token)
+    guard = None
+    if args.http is not None:  # a token is needed everywhere
+        guard = guard_of(args.http.host, _given(args.token) or secrets.token_urlsafe(24))
     sets = _settings(args, None if places is None else places.world)
     mesh = args.mesh.join(MCP if args.client is None else f"{CLIENT}{args.client}")
     if args.client is not None and not mesh.closed:
@@ -132,18 +135,6 @@ def run(args: Options) -> int:
 
 def _given(token: str | None) -> str | None:
     return token or os.environ.get(TOKEN_VARIABLE) or None
-
-
-def _guard(address: Address, token: str | None) -> Guard:
-    """The access rules: by HTTP a token is needed everywhere. Raises UsageError."""
-    from armadico.watch.page.guard import Guard, GuardError
-
-    name = socket.gethostname()
-    names = (name, f"{name}.local", address.host)
-    try:
-        return Guard.of(address.host, _given(token) or secrets.token_urlsafe(24), names)
-    except GuardError as error:
-        raise UsageError(str(error)) from None
 
 
 def _rehearsal(mesh: ZenohMesh, world: str | None) -> Rehearse | None:

@@ -65,9 +65,15 @@ class Options:
 
 
 def run(args: Options) -> int:
+    from armadico.watch.page.guard import is_loopback
+
     meshes = args.mesh.join_each(PAGE, starts=args.starting)
     places = options.gazetteer(args.world, meshes[0].namespace)
-    guard = _guard(args, closed=any(mesh.closed for mesh in meshes))
+    closed = any(mesh.closed for mesh in meshes)
+    token = args.token or os.environ.get(TOKEN_VARIABLE) or None
+    if token is None and (closed or not is_loopback(args.bind)):
+        token = secrets.token_urlsafe(24)
+    guard = guard_of(args.bind, token, closed=closed)
     options.end_as_by_ctrl_c()
     from armadico.watch.page.server import Server, ServerError
 
@@ -111,16 +117,13 @@ def made(
     return Session(robots, meshes, start)
 
 
-def _guard(args: Options, *, closed: bool) -> Guard:
-    """The access control of the page. Raises UsageError."""
-    from armadico.watch.page.guard import Guard, GuardError, is_loopback
+def guard_of(bind: str, token: str | None, *, closed: bool = False) -> Guard:
+    """The access control of a server of this machine. Raises UsageError."""
+    from armadico.watch.page.guard import Guard, GuardError
 
-    token = args.token or os.environ.get(TOKEN_VARIABLE) or None
-    if token is None and (closed or not is_loopback(args.bind)):
-        token = secrets.token_urlsafe(24)
     name = socket.gethostname()
     try:
-        return Guard.of(args.bind, token, (name, f"{name}.local", args.bind), closed=closed)
+        return Guard.of(bind, token, (name, f"{name}.local", bind), closed=closed)
     except GuardError as error:
         raise UsageError(str(error)) from None
 

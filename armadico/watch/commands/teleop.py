@@ -247,6 +247,8 @@ def _pressed(terminal: int) -> list[str]:
 
 
 def _drive(client: Client, hand: Hand, terminal: int) -> None:
+    from armadico.core.messages import RobotState
+
     keys, text = Keys(), ""
     state: RobotState | None = None
     try:
@@ -260,7 +262,7 @@ def _drive(client: Client, hand: Hand, terminal: int) -> None:
                     text = _execute(client, hand, order)
                 elif key in DIRECTIONS:
                     text = ""
-            state = _state(client)
+            state = client.fresh(RobotState)
             if state is not None:
                 _publish(client, hand, state, keys.deflection(client.mesh.now()))
             _show(keys, text or _note(client, hand, state))
@@ -268,12 +270,6 @@ def _drive(client: Client, hand: Hand, terminal: int) -> None:
     finally:
         if state is not None:
             _publish(client, hand, state, None)
-
-
-def _state(client: Client) -> RobotState | None:
-    from armadico.core.messages import RobotState
-
-    return client.fresh(RobotState)
 
 
 def _publish(

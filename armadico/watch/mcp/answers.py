@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Mapping
-from math import ceil, cos, degrees, hypot, pi, sin
+from math import ceil, degrees, hypot, pi
 from typing import Final
 
 import msgspec
@@ -16,6 +16,7 @@ from armadico.config.named import Gazetteer
 from armadico.config.worlds import Segment
 from armadico.core.messages import Message
 from armadico.core.resources import WHEELS
+from armadico.mobile.geometry import to_world
 from armadico.mobile.messages import MissionStatus
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe import described
@@ -25,7 +26,7 @@ from armadico.observe.jsons import Json, JsonObject
 from armadico.watch.assistant.messages import AssistantRecord
 from armadico.watch.assistant.policy.messages import Approvals
 from armadico.watch.explained import Collision, Exchange, Press
-from armadico.watch.mcp.picture import Scene, drawn
+from armadico.watch.mcp.picture import drawn
 from armadico.watch.why import Chronicle
 
 RECORDS: Final = 200  # requests of programs kept for the history
@@ -146,15 +147,12 @@ class Society(Chronicle):
         about = view.description
         radius = 0.2 if about is None else about.half_width
         return drawn(
-            Scene(
-                bounds=around if world is None else world.bounds,
-                walls=() if world is None else world.outlines,
-                forbidden=() if world is None else world.forbidden,
-                places=() if self.gazetteer is None else self.gazetteer.places,
-                sensed=self._sensed(),
-                way=((x, y), *((at.x, at.y) for at in way)) if way and pose is not None else (),
-                robot=None if pose is None else (pose.x, pose.y, pose.theta, radius),
-            )
+            around if world is None else world.bounds,
+            world,
+            () if self.gazetteer is None else self.gazetteer.places,
+            self._sensed(),
+            ((x, y), *((at.x, at.y) for at in way)) if way and pose is not None else (),
+            None if pose is None else (pose.x, pose.y, pose.theta, radius),
         )
 
     def _sensed(self) -> Iterator[tuple[float, float]]:
@@ -162,11 +160,10 @@ class Society(Chronicle):
         pose = self.view.pose
         if pose is None:
             return
-        c, s = cos(pose.theta), sin(pose.theta)
         for message in self.view.newest.values():
             if isinstance(message, Obstacles):
                 for p in message.points:
-                    yield pose.x + c * p.x - s * p.y, pose.y + s * p.x + c * p.y
+                    yield to_world((pose.x, pose.y, pose.theta), p.x, p.y)
 
     def who(self) -> JsonObject:
         """Return the agents that are alive."""

@@ -33,6 +33,11 @@ class Asked:
     taken_back: bool = False  # of a `cancel`: there was a call that had not begun
     gone: bool = False  # it is not waited for any more
 
+    @property
+    def own(self) -> tuple[Send, int | str]:
+        """The client and its number of the call, by which it is dropped."""
+        return self.send, self.call.id
+
 
 @dataclass(eq=False)
 class Open:
@@ -129,18 +134,6 @@ def tell(asked: Asked, now: float, until: float, message: str) -> None:
     if asked.call.progress is not None:
         since, total = now - asked.began, until - asked.began
         asked.send(progress(asked.call, round(since, 2), round(total, 2), message))
-
-
-@dataclass(frozen=True)
-class Gone:
-    """A request that is not waited for any more."""
-
-    send: Send
-    number: int | str
-
-    def asked(self, asked: Asked) -> bool:
-        """Whether it is that call."""
-        return (asked.send, asked.call.id) == (self.send, self.number)
 
 
 def client_of(call: Call) -> str:

@@ -45,11 +45,7 @@ BAD_VERSION: Final = -32022
 
 # The HTTP statuses of errors in the stateless version; others are 200.
 STATUSES: Final = {
-    PARSE_ERROR: 400,
-    INVALID: 400,
-    BAD_PARAMS: 400,
-    BAD_HEADER: 400,
-    BAD_VERSION: 400,
+    **dict.fromkeys((PARSE_ERROR, INVALID, BAD_PARAMS, BAD_HEADER, BAD_VERSION), 400),
     NO_METHOD: 404,
 }
 
@@ -144,10 +140,6 @@ class _Coded(Struct, frozen=True):
 class _Answered(Struct, frozen=True):
     error: _Coded | None = None
     id: int | str | UnsetType | None = UNSET
-
-    @property
-    def answers(self) -> bool:
-        return self.id is not UNSET
 
 
 class Call(Struct, frozen=True):
@@ -325,7 +317,7 @@ def status_of(data: bytes, version: str | None) -> int:
 
 def is_notification(data: bytes) -> bool:
     """Return whether a line of this server's is a notification: it answers nothing."""
-    return not msgspec.json.decode(data, type=_Answered).answers
+    return msgspec.json.decode(data, type=_Answered).id is UNSET
 
 
 def refused(code: int, why: str) -> bytes:

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from math import degrees, radians
-from typing import Any, BinaryIO, Final, Protocol
+from typing import Any, BinaryIO, Final
 
 import msgspec
 from msgspec.structs import replace
@@ -43,7 +43,6 @@ from armadico.watch.mcp.calls import (
     Asked,
     Asking,
     AwaitingEnd,
-    Gone,
     Open,
     Rehearsing,
     Send,
@@ -111,20 +110,12 @@ ABSENT: Final = (
 logger = logging.getLogger("armadico.mcp")
 
 
-class Rehearse(Protocol):
-    """A rehearsal; see the group `armadico.rehearsals`. It blocks, and runs on any thread."""
+Rehearse = Callable[..., Mapping[str, Any]]
+"""Drives an errand virtually (group `armadico.rehearsals`); it blocks, and runs on any thread.
 
-    def __call__(
-        self,
-        errand: Mapping[str, object],
-        *,
-        samples: int,
-        within_s: float,
-        done: Callable[[int], None],
-    ) -> Mapping[str, Any]:
-        """Return its answer: `says`, and `small` for JSON. Raises ConfigError."""
-        ...
-
+The keywords are `samples`, `within_s`, and `done`, which is called with the number of those that
+have ended. Returns its answer: `says`, and `small` for JSON. Raises ConfigError.
+"""
 
 News = tuple[float, str]
 """When an open call ends at the latest, s, and how far it is; "": there is nothing to tell."""
@@ -286,11 +277,11 @@ class Server:
         """Forget the calls that are not waited for any more; they are not begun later."""
         with suppress(queue.Empty):
             while True:
-                gone = Gone(*self._dropped.get_nowait())
+                gone = self._dropped.get_nowait()
                 # Threads that read from clients append to it meanwhile.
-                for asked in [each for each in list(self._calls) if gone.asked(each)]:
+                for asked in [each for each in list(self._calls) if each.own == gone]:
                     self._calls.remove(asked)
-                for each in [each for each in self._open if gone.asked(each.asked)]:
+                for each in [each for each in self._open if each.asked.own == gone]:
                     if isinstance(each, Asking) and each.under_way and each.call.tool in DRIVING:
                         # The agent may begin it, and its goal is the client's last one then.
                         each.once = each.asked.gone = True

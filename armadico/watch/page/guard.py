@@ -108,14 +108,11 @@ def is_loopback(address: str) -> bool:
         return False
 
 
-def subprotocol(token: str) -> str:
-    """A token as the name of a subprotocol, without spaces, slashes or the like."""
-    packed = base64.urlsafe_b64encode(token.encode()).decode().rstrip("=")
-    return f"{TOKEN_PREFIX}{packed}"
-
-
 def token_in(offered: Iterable[str]) -> str | None:
-    """The token among the subprotocols that a page offers; None if there is none."""
+    """The token among the subprotocols that a page offers; None if there is none.
+
+    It is in base64, because the name of a subprotocol has no spaces, slashes or the like.
+    """
     found = next((each for each in offered if each.startswith(TOKEN_PREFIX)), None)
     if found is None:
         return None

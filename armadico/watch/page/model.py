@@ -106,7 +106,7 @@ class Robot:
                 self._near = {s: near for s, near in self._near.items() if t - near[1] <= QUIET_S}
                 self._near[message.sensor] = (_points(message), t)
             case OccupancyGrid():
-                self._grid = _grid(message)
+                self._grid = _cells(message, message.cell, revision=message.revision)
             case MapGraph():
                 self._graph = _graph(message)
         for part in self._parts:
@@ -270,29 +270,22 @@ class Robot:
 
 
 def drawn(world: World) -> JsonObject:
+    unseen = world.unseen
     return {
-        "name": world.name,
         "bounds": rounded(world.bounds),
         "walls": rounded(world.walls),
         "columns": rounded(world.columns),
         "forbidden": rounded(world.forbidden),
-        "unseen": None if world.unseen is None else _unseen(world.unseen),
+        "unseen": unseen and _cells(unseen, unseen.cell_m, theta=unseen.theta),
         "rooms": [[room.name, room.x1, room.y1, room.x2, room.y2] for room in world.rooms],
         "docks": {name: list(pose) for name, pose in world.docks.items()},
-        "goals": {name: list(pose) for name, pose in world.goals.items()},
     }
 
 
-def _unseen(unseen: Unseen) -> JsonObject:
-    return {
-        "x": unseen.x,
-        "y": unseen.y,
-        "theta": unseen.theta,
-        "cell": unseen.cell_m,
-        "rows": unseen.rows,
-        "columns": unseen.columns,
-        "packed": b64encode(unseen.packed).decode(),
-    }
+def _cells(of: Unseen | OccupancyGrid, cell_m: float, **more: Json) -> JsonObject:
+    """Cells, which the browser inflates."""
+    found: JsonObject = {name: getattr(of, name) for name in ("x", "y", "rows", "columns")}
+    return found | {"cell": cell_m, "packed": b64encode(of.packed).decode()} | more
 
 
 def _name(instance: str | None) -> str | None:
@@ -314,17 +307,4 @@ def _graph(message: MapGraph) -> JsonObject | None:
         "places": graph.places.round(2).tolist(),
         "loops": graph.loops.tolist(),
         "off": graph.off.tolist(),
-    }
-
-
-def _grid(message: OccupancyGrid) -> JsonObject:
-    # The browser inflates the cells.
-    return {
-        "x": message.x,
-        "y": message.y,
-        "cell": message.cell,
-        "rows": message.rows,
-        "columns": message.columns,
-        "revision": message.revision,
-        "packed": b64encode(message.packed).decode(),
     }

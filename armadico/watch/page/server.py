@@ -135,10 +135,6 @@ class Server:
         port: int = next(iter(self._listening.sockets)).getsockname()[1]
         return port
 
-    @property
-    def watched(self) -> bool:
-        return bool(self._browsers)
-
     def __enter__(self) -> Server:
         return self
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
 
 import pytest
+from PIL import Image, ImageColor
 
 from armadico.config.named import Gazetteer
 from armadico.core.messages import Cycle, RobotState, Stop
@@ -12,6 +14,7 @@ from armadico.core.services import service_of
 from armadico.launch.virtual_session import VirtualSession
 from armadico.watch.assistant.assistant import Assistant
 from armadico.watch.assistant.messages import AssistantRequest
+from armadico.watch.mcp import picture
 from armadico.watch.mcp.answers import Society
 from tests.watch.observed import Observed
 
@@ -44,13 +47,6 @@ def test_where_it_is_and_what_it_does(driven: tuple[Observed, Society]) -> None:
     assert not society.where(observed.mesh.now + 1.0)["connected"]
 
 
-def test_the_agents_that_are_alive(driven: tuple[Observed, Society]) -> None:
-    agents = {row["name"]: row for row in driven[1].who()["agents"]}
-    assert {"robot", "encoder", "goto", "assistant"} <= agents.keys()
-    assert agents["goto"]["resources"] == ("wheels",)
-    assert agents["assistant"]["resources"] == ()
-
-
 @pytest.mark.long
 def test_the_picture_has_the_walls_the_robot_and_its_goal(
     driven: tuple[Observed, Society],
@@ -64,6 +60,16 @@ def test_the_picture_has_the_walls_the_robot_and_its_goal(
     assert text.count("G") == 1
     assert "#" in text
     assert text.index(">") < text.index("G"), "it drives to the right"
+
+
+def test_the_picture_of_the_map_has_its_walls_the_way_and_the_robot(
+    driven: tuple[Observed, Society],
+) -> None:
+    with Image.open(io.BytesIO(driven[1].picture())) as image:
+        colours = {colour for _, colour in image.convert("RGB").getcolors(2**20) or []}
+    for wanted in (picture.INK, picture.WAY, picture.ROBOT):
+        rgb = ImageColor.getrgb(wanted)
+        assert any(max(abs(a - b) for a, b in zip(rgb, one, strict=True)) < 9 for one in colours)
 
 
 def test_without_a_world_only_what_is_sensed_is_drawn(driven: tuple[Observed, Society]) -> None:

@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 
@@ -22,7 +22,6 @@ from armadico.mobile.messages import MissionState, MissionStatus
 from armadico.observe.watching import Clock
 from armadico.watch.assistant.messages import Against, AssistantReply, AssistantRequest
 from armadico.watch.assistant.policy.messages import Approvals
-from armadico.watch.assistant.tools import REHEARSE, TOOLS
 from armadico.watch.mcp import server
 from armadico.watch.mcp.answers import Society
 from armadico.watch.mcp.lines import LONGEST, Call, Lines
@@ -53,6 +52,11 @@ class Guest:
         self.requests.append(request)
         self.asked.put(request.tool)
         self.begun.append((request, then))
+
+    def await_query(self, tool: str) -> None:
+        """Wait until it is asked for a tool."""
+        while self.asked.get(timeout=SOON) != tool:
+            pass
 
     def catch_up(self) -> None:
         begun, self.begun = self.begun, []
@@ -109,7 +113,9 @@ class SilentWatcher:
 
 
 class Served:
-    """A server between two pipes."""
+    """A server between two pipes; a fixture ends it."""
+
+    open: ClassVar[list[Served]] = []
 
     def __init__(
         self,
@@ -122,7 +128,8 @@ class Served:
         answering, writer = os.pipe()
         self.input = os.fdopen(writing, "wb", buffering=0)
         self.answers = os.fdopen(answering, "rb")
-        self.started = 0
+        self.started, self._number = 0, 1000
+        self.open.append(self)
         guests: Any = (stopper, guest)
         society = Society(gazetteer, {})
         self.watcher: Any = SilentWatcher(society)
@@ -140,6 +147,14 @@ class Served:
     def call(self, number: int, tool: str, *, told: bool = False, **arguments: object) -> None:
         meta = {"_meta": {"progressToken": number}} if told else {}
         self.send("tools/call", number, {"name": tool, "arguments": arguments} | meta)
+
+    def ask(self, tool: str, **arguments: object) -> dict[str, Any]:
+        """The answer to a call, which is the next line."""
+        self._number += 1
+        self.call(self._number, tool, **arguments)
+        number, found = self.answer()
+        assert number == self._number, "it does not wait for others"
+        return found
 
     def send(self, method: str, number: int | None, params: object) -> None:
         numbered = {} if number is None else {"id": number}
@@ -170,6 +185,15 @@ def busy() -> Iterator[threading.Event]:
     event.set()
 
 
+@pytest.fixture(autouse=True)
+def client_that_leaves(busy: threading.Event) -> Iterator[None]:
+    """Each server ends when its client is gone."""
+    yield
+    busy.set()
+    while Served.open:
+        Served.open.pop().end()
+
+
 def test_a_stop_does_not_wait_and_calls_beyond_the_queue_are_refused_at_once(
     busy: threading.Event,
 ) -> None:
@@ -187,7 +211,6 @@ def test_a_stop_does_not_wait_and_calls_beyond_the_queue_are_refused_at_once(
     while len(numbers) < WAITING + 11:
         numbers.append(served.answer()[0])
     assert sorted(numbers) == [*range(WAITING + 10), 999]
-    served.end()
 
 
 def test_with_no_assistant_agent_one_is_started_and_the_stop_does_not_wait_for_it() -> None:
@@ -198,23 +221,18 @@ def test_with_no_assistant_agent_one_is_started_and_the_stop_does_not_wait_for_i
     assert (number, found["stopped"]) == (1, True)
     assert stopper.stopped == "armadico mcp: a program"
     assert served.started == 0
-    served.call(2, "where")
-    assert served.answer()[0] == 2
+    served.ask("where")
     assert served.started == 1
-    served.end()
 
 
 def test_no_assistant_agent_is_started_in_place_of_one_that_had_a_policy() -> None:
     guest = Guest(absent=True)
     served = Served(Guest(absent=True), guest)
     served.watcher.messages.put(Approvals(policy="limits.toml"))
-    served.call(1, "where")
-    assert "--with assistant" in served.answer()[1]["refused"]
+    assert "--with assistant" in served.ask("where")["refused"]
     assert served.started == 0
     guest.absent = False  # a person has started it again
-    served.call(2, "where")
-    assert "refused" not in served.answer()[1]
-    served.end()
+    assert "refused" not in served.ask("where")
 
 
 @pytest.fixture
@@ -237,21 +255,17 @@ def accepting() -> Guest:
 def test_a_place_is_passed_on_as_a_pose_and_an_unknown_one_as_it_is(house: Gazetteer) -> None:
     guest = accepting()
     served = Served(Guest(), guest, house)
-    served.call(1, "goto", place="e")
-    assert served.answer()[1]["end"] == "driving"
+    assert served.ask("goto", place="e")["end"] == "driving"
     sent = json.loads(guest.requests[-1].text)
     assert (sent["x"], sent["y"], sent["heading"], sent["place"]) == (12.6, 1.2, -90.0, "e")
     guest.replies["goto"] = [AssistantReply(refusal="no place")]
-    served.call(2, "goto", place="coridor")
-    assert "did you mean 'corridor'" in served.answer()[1]["refused"]
+    assert "did you mean 'corridor'" in served.ask("goto", place="coridor")["refused"]
     assert json.loads(guest.requests[-1].text) == {"place": "coridor"}, "it is recorded so"
     for number in range(100):
         house.add(f"shelf number {number}", (2.0, 1.5, None))
-    served.call(3, "goto", place="shelf nunber 5")
-    refused = served.answer()[1]["refused"]
+    refused = served.ask("goto", place="shelf nunber 5")["refused"]
     assert "did you mean 'shelf number 5'" in refused
     assert len(refused) < LARGEST, "also where many places are known"
-    served.end()
 
 
 def test_a_wait_delays_no_other_call_tells_its_progress_and_ends_with_the_goal(
@@ -271,27 +285,22 @@ def test_a_wait_delays_no_other_call_tells_its_progress_and_ends_with_the_goal(
     while "id" not in (line := served.line()):
         pass
     assert line["result"]["structuredContent"]["end"] == "reached"
-    served.end()
 
 
 def test_a_wait_that_is_withdrawn_gets_no_answer_and_the_goal_stays(house: Gazetteer) -> None:
     guest = accepting()
     served = Served(Guest(), guest, house)
     served.call(1, "goto", place="E", wait_s=600)
-    served.call(2, "where")
-    assert served.answer()[0] == 2
+    served.ask("where")
     served.send("notifications/cancelled", None, {"requestId": 1})
     served.watcher.ahead_s = 1000.0
-    served.call(3, "wait", wait_s=0)
-    assert served.answer()[0] == 3
+    served.ask("wait", wait_s=0)
     assert [request.tool for request in guest.requests] == ["goto", "where", "wait"]
-    served.end()
 
 
 def test_a_client_that_is_gone_ends_the_server_although_it_waits(house: Gazetteer) -> None:
     served = Served(Guest(), accepting(), house)
     served.call(1, "goto", place="E", wait_s=600)
-    served.end()
 
 
 def test_cancel_overtakes_calls_that_are_planned_and_takes_back_those_that_have_not_begun(
@@ -315,7 +324,6 @@ def test_cancel_overtakes_calls_that_are_planned_and_takes_back_those_that_have_
     busy.set()
     assert [served.answer()[0], served.answer()[0]] == [1, 3]
     assert [request.tool for request in guest.requests] == ["goto", "cancel", "cancel", "where"]
-    served.end()
 
 
 def test_a_goal_that_no_agent_has_answered_yet_is_not_begun_after_its_cancel() -> None:
@@ -350,16 +358,14 @@ def test_a_goal_that_is_withdrawn_while_it_is_planned_is_the_one_that_is_waited_
     guest = accepting()
     guest.busy, guest.holds = busy, ()
     served = Served(Guest(), guest)
-    served.call(1, "goto", x=1.0, y=1.0)
-    assert served.answer()[0] == 1
+    served.ask("goto", x=1.0, y=1.0)
     guest.holds = ("goto",)
     served.call(2, "goto", x=2.0, y=1.0, wait_s=600)
     for _ in range(2):
         while guest.asked.get(timeout=SOON) != "goto":
             pass
     served.send("notifications/cancelled", None, {"requestId": 2})
-    served.call(3, "where")
-    assert served.answer()[0] == 3, "it does not wait for the goal"
+    served.ask("where")
     busy.set()
     served.call(4, "wait", wait_s=600)
     served.watcher.messages.put(driving(1.0, 8))
@@ -367,7 +373,6 @@ def test_a_goal_that_is_withdrawn_while_it_is_planned_is_the_one_that_is_waited_
     served.watcher.messages.put(MissionStatus(8, MissionState.REACHED, 0.0))
     number, found = served.answer()
     assert (number, found["end"], found["mission"]) == (4, "reached", "8")
-    served.end()
 
 
 def test_calls_that_arrive_while_another_is_withdrawn_end_no_server() -> None:
@@ -406,8 +411,7 @@ def test_what_is_withdrawn_while_a_slow_call_runs_is_not_begun_and_not_asked_for
     assert "waits" in served.line()["params"]["message"]
     served.call(2, "goto", place="E")
     served.call(3, "where")
-    while guest.asked.get(timeout=SOON) != "goto":
-        pass
+    guest.await_query("goto")
     for number in (1, 3):
         served.send("notifications/cancelled", None, {"requestId": number})
     served.send("tools/call", 4, {"name": "cancel", "arguments": {"number": "5"}})
@@ -421,7 +425,6 @@ def test_what_is_withdrawn_while_a_slow_call_runs_is_not_begun_and_not_asked_for
     tools = [request.tool for request in guest.requests]
     assert tools.count("approval") == polls
     assert "where" not in tools
-    served.end()
 
 
 @pytest.fixture
@@ -454,9 +457,7 @@ def test_a_call_that_waits_for_a_person_is_asked_for_until_there_is_an_outcome(
     polls = [request.text for request in guest.requests if request.tool == "approval"]
     assert [json.loads(text) for text in polls] == [{"number": "99"}] * 3
     guest.replies["approval"] = [AssistantReply(refusal="nobody has approved it")]
-    served.call(3, "goto", place="E")
-    assert served.answer()[1]["refused"] == "nobody has approved it"
-    served.end()
+    assert served.ask("goto", place="E")["refused"] == "nobody has approved it"
 
 
 @pytest.mark.usefixtures("often")
@@ -468,26 +469,21 @@ def test_a_slow_call_of_one_client_does_not_delay_the_question_after_another_one
     guest.replies["approval"] = [AssistantReply("it waits", approval=99)]
     served = Served(Guest(), guest, house)
     served.call(1, "goto", place="E")
-    served.call(2, "where")
-    assert served.answer()[0] == 2
+    served.ask("where")
     guest.busy = busy
     served.call(3, "goto", place="E")
-    while guest.asked.get(timeout=SOON) != "goto":
-        pass
-    while guest.asked.get(timeout=SOON) != "goto":
-        pass
+    guest.await_query("goto")
+    guest.await_query("goto")
     for _ in range(3):
         assert guest.asked.get(timeout=SOON) == "approval"
     guest.replies["approval"] = [AssistantReply("it is taken on", mission=7)]
     assert served.answer()[1]["mission"] == "7"
     busy.set()
-    served.end()
 
 
 def test_a_rehearsal_delays_no_other_call_and_there_is_one_at_a_time(
-    house: Gazetteer, monkeypatch: pytest.MonkeyPatch, busy: threading.Event
+    house: Gazetteer, busy: threading.Event
 ) -> None:
-    monkeypatch.setitem(TOOLS, "rehearse", REHEARSE)
     errands: list[object] = []
 
     def rehearse(errand: object, *, samples: int, **_: object) -> dict[str, object]:
@@ -502,17 +498,13 @@ def test_a_rehearsal_delays_no_other_call_and_there_is_one_at_a_time(
     served.call(2, "rehearse", place="E")
     number, found = served.answer()
     assert (number, "another" in found["refused"]) == (2, True)
-    served.call(3, "where")
-    assert served.answer()[0] == 3
+    served.ask("where")
     busy.set()
     number, found = served.answer()
     assert (number, found["text"], found["arrives"]) == (1, "It arrives in 2 of 2.", 2)
     assert errands == [({"goal": [12.6, 1.2, pytest.approx(-1.5708, abs=1e-4)]}, 2)]
-    served.call(4, "rehearse", place="coridor")
-    assert "did you mean" in served.answer()[1]["refused"]
-    served.call(5, "rehearse", mission="rounds")
-    assert served.answer()[1]["refused"] == "no agent 'x'"
-    served.end()
+    assert "did you mean" in served.ask("rehearse", place="coridor")["refused"]
+    assert served.ask("rehearse", mission="rounds")["refused"] == "no agent 'x'"
 
 
 @pytest.mark.parametrize(
@@ -529,13 +521,11 @@ def test_a_rehearsal_delays_no_other_call_and_there_is_one_at_a_time(
 )
 def test_what_the_policy_has_against_a_goal_is_told_with_its_rehearsal(
     house: Gazetteer,
-    monkeypatch: pytest.MonkeyPatch,
     why: str,
     against: Against,
     virtual: str,
     answer: str,
 ) -> None:
-    monkeypatch.setitem(TOOLS, "rehearse", REHEARSE)
 
     def rehearse(*_: object, **__: object) -> dict[str, object]:
         return {"says": "driven", "small": {"answer": virtual, "says": "driven"}}
@@ -543,11 +533,9 @@ def test_what_the_policy_has_against_a_goal_is_told_with_its_rehearsal(
     guest = Guest()
     guest.replies["rehearse"] = [AssistantReply(why, against=against)]
     served = Served(Guest(), guest, house, rehearse)
-    served.call(1, "rehearse", place="E")
-    _, found = served.answer()
+    found = served.ask("rehearse", place="E")
     assert found["answer"] == answer
     assert found["text"] == (f"{why}. The rehearsal: driven" if why else "driven")
-    served.end()
 
 
 @pytest.mark.parametrize(
@@ -561,9 +549,8 @@ def test_what_the_policy_has_against_a_goal_is_told_with_its_rehearsal(
     ],
 )
 def test_no_rehearsal_of_something_else_than_was_asked_for(
-    house: Gazetteer, monkeypatch: pytest.MonkeyPatch, arguments: dict[str, Any], why: str
+    house: Gazetteer, arguments: dict[str, Any], why: str
 ) -> None:
-    monkeypatch.setitem(TOOLS, "rehearse", REHEARSE)
     errands: list[object] = []
 
     def rehearse(errand: object, **_: object) -> dict[str, object]:
@@ -571,14 +558,10 @@ def test_no_rehearsal_of_something_else_than_was_asked_for(
         return {"says": "It arrives.", "small": {}}
 
     served = Served(Guest(), Guest(), house, rehearse)
-    served.call(1, "rehearse", **arguments)
-    assert why in served.answer()[1]["refused"]
-    served.call(2, "rehearse", mission="rounds")
-    assert served.answer()[1]["text"] == "It arrives."
-    served.call(3, "rehearse")
-    assert served.answer()[1]["text"] == "It arrives."
+    assert why in served.ask("rehearse", **arguments)["refused"]
+    assert served.ask("rehearse", mission="rounds")["text"] == "It arrives."
+    assert served.ask("rehearse")["text"] == "It arrives."
     assert errands == [{"mission": "rounds"}, {}]
-    served.end()
 
 
 def test_a_client_cannot_ask_as_the_server_does(house: Gazetteer) -> None:
@@ -587,7 +570,6 @@ def test_a_client_cannot_ask_as_the_server_does(house: Gazetteer) -> None:
     served.send("tools/call", 1, {"name": "approval", "arguments": {"number": "99"}})
     assert "no tool" in served.answer()[1]["refused"]
     assert guest.requests == [], "which the agent would neither limit nor record"
-    served.end()
 
 
 def test_a_call_that_fails_is_answered_and_ends_neither_other_calls_nor_stops(
@@ -602,23 +584,16 @@ def test_a_call_that_fails_is_answered_and_ends_neither_other_calls_nor_stops(
     assert "does not know it" in served.answer()[1]["refused"]
     with monkeypatch.context() as patched:
         patched.setattr(Society, "where", broken)
-        served.call(2, "where")
-        assert "broken" in served.answer()[1]["refused"]
+        assert "broken" in served.ask("where")["refused"]
         patched.setattr(Wait, "end", broken)
-        served.call(3, "goto", place="E", wait_s=600)
-        assert "broken" in served.answer()[1]["refused"]
+        assert "broken" in served.ask("goto", place="E", wait_s=600)["refused"]
         patched.setattr(stopper, "query", broken)
-        served.call(4, "stop")
-        assert served.answer()[1]["stopped"], "directly"
+        assert served.ask("stop")["stopped"], "directly"
         patched.setattr(stopper, "stop", broken)
-        served.call(7, "stop")
-        assert "broken" in served.answer()[1]["refused"]
+        assert "broken" in served.ask("stop")["refused"]
     assert "the call of stop failed" in caplog.text
-    served.call(5, "where")
-    assert "text" in served.answer()[1]
-    served.call(6, "stop")
-    assert served.answer()[1]["stopped"]
-    served.end()
+    assert "text" in served.ask("where")
+    assert served.ask("stop")["stopped"]
 
 
 def _lines(*pieces: bytes) -> list[bytes]:

@@ -7,7 +7,7 @@ import pytest
 from armadico.core.messages import Cycle, RobotState, Stop
 from armadico.launch.client import SILENCE_S
 from armadico.mobile.messages import MissionState, MissionStatus
-from armadico.watch.assistant.messages import AssistantRecord, AssistantReply, AssistantRequest
+from armadico.observe.jsons import JsonObject
 from armadico.watch.mcp.answers import Society
 from armadico.watch.mcp.waiting import Wait
 
@@ -26,6 +26,12 @@ def wait() -> Wait:
     return Wait(OWN, "kitchen", began=1.0, until=60.0)
 
 
+def ended(waits: Wait, society: Society, now: float) -> JsonObject:
+    found = waits.end(society, now)
+    assert found is not None
+    return found
+
+
 @pytest.mark.parametrize(
     ("status", "end", "why"),
     [
@@ -36,8 +42,7 @@ def wait() -> Wait:
     ],
 )
 def test_an_end_is_told_with_the_reason(status: MissionStatus, end: str, why: str | None) -> None:
-    found = wait().end(society(DRIVING, status), 2.0)
-    assert found is not None
+    found = ended(wait(), society(DRIVING, status), 2.0)
     assert (found["end"], found.get("why"), found["mission"]) == (end, why, str(OWN))
     assert "kitchen" in str(found["text"])
 
@@ -46,8 +51,7 @@ def test_under_way_it_waits_until_its_time_is_over_and_says_how_far_it_is() -> N
     waits, under_way = wait(), society(DRIVING, at=58.0)
     assert waits.end(under_way, 59.0) is None
     assert waits.news(under_way) == "2.5 m to go"
-    found = waits.end(under_way, 60.0)
-    assert found is not None
+    found = ended(waits, under_way, 60.0)
     assert found["end"] == "driving"
     assert "2.5 m to go" in str(found["text"])
 
@@ -56,34 +60,19 @@ def test_the_report_on_an_older_goal_is_not_the_end_of_this_one() -> None:
     older = MissionStatus(OTHER, MissionState.REACHED, 0.0)
     waits = wait()
     assert waits.end(society(older), 2.0) is None
-    found = waits.end(society(older, at=1.0 + SILENCE_S), 1.1 + SILENCE_S)
-    assert found is not None
+    found = ended(waits, society(older, at=1.0 + SILENCE_S), 1.1 + SILENCE_S)
     assert found["end"] == "superseded", "it never came"
-
-
-def test_a_goal_that_another_one_replaced_names_who_ordered_that() -> None:
-    waits, replaced = wait(), society(DRIVING)
-    assert waits.end(replaced, 1.5) is None
-    request = AssistantRequest("goto", "{}", "another model")
-    replaced.update("assistant/record", AssistantRecord(1, request, AssistantReply(mission=8)), 2.0)
-    replaced.update("mission/status", MissionStatus(OTHER, MissionState.DRIVING, 4.0), 2.0)
-    found = waits.end(replaced, 2.0)
-    assert found is not None
-    assert found["end"] == "superseded"
-    assert "another model" in str(found["text"])
 
 
 def test_a_stop_ends_the_wait_since_only_a_person_ends_the_stop() -> None:
     stopped = society(DRIVING)
     state = RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, True, False, Stop(1, True, "ann", 5))
     stopped.update("robot/state", state, 1.5)
-    found = wait().end(stopped, 2.0)
-    assert found is not None
+    found = ended(wait(), stopped, 2.0)
     assert found["end"] == "stopped"
     assert "ann" in str(found["text"])
 
 
 def test_without_reports_it_is_not_known_how_it_ends() -> None:
-    found = wait().end(society(DRIVING, at=2.0), 2.1 + SILENCE_S)
-    assert found is not None
+    found = ended(wait(), society(DRIVING, at=2.0), 2.1 + SILENCE_S)
     assert found["end"] == "unknown"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+from base64 import urlsafe_b64encode
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import inf
@@ -15,17 +16,26 @@ from armadico.config.named import Gazetteer
 from armadico.config.scenarios import ideal, load_scenario
 from armadico.config.worlds import load_world
 from armadico.core.discovery import agent_class
+from armadico.core.messages import Message
 from armadico.launch.client import Client
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.launch.virtual_session import VirtualSession
 from armadico.mesh.ports import LOOPBACK
-from armadico.watch.page.guard import Guard
+from armadico.watch.page.guard import TOKEN_PREFIX, Guard
 from armadico.watch.page.model import Robot
 from armadico.watch.page.server import Server
 from armadico.watch.page.session import TURN_S, Session
+from armadico.watch.teleop.messages import Stick
 
 HOME = "robot1"
+
+
+def subprotocol(token: str) -> str:
+    """A token as the page's script offers it."""
+    return TOKEN_PREFIX + urlsafe_b64encode(token.encode()).decode().rstrip("=")
+
+
 PACE_S = 0.006  # real duration of a turn (0.05 s of the society), so that browsers can follow
 SLOW_S = 0.001  # duration of a turn while a browser must observe a short event
 
@@ -116,6 +126,23 @@ class Stage:
 
         self.until(there, seconds)
         return found[-1]
+
+    def ask(self, browser: str, do: str, **words: Any) -> dict[str, Any]:
+        """The answer to a request."""
+        return self.answer(self.request(browser, do, **words))
+
+    def sticks(self) -> list[Stick]:
+        """The sticks that are published from now on."""
+        found: list[Stick] = []
+
+        def watch(key: str, stick: Message, _t: float) -> None:
+            if key != "teleop/stick":  # the copy for agents of protocol 2
+                assert isinstance(stick, Stick)
+                assert key == f"teleop/stick/{stick.hand}"
+                found.append(stick)
+
+        self.mesh.watch(watch, Stick)
+        return found
 
     def ready(self) -> None:
         """Wait until all agents are alive and have answered queries."""

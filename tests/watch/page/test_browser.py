@@ -23,13 +23,12 @@ from armadico.config.map_graphs import message_of as graph_message
 from armadico.core import messages as m
 from armadico.mesh.ports import LOOPBACK
 from armadico.mobile.messages import MapGraph
-from armadico.watch.page.guard import PROTOCOL, Guard, subprotocol
+from armadico.watch.page.guard import PROTOCOL, Guard
 from armadico.watch.page.server import MOST, Server
 from armadico.watch.page.session import TURN_S
-from armadico.watch.teleop.messages import Stick
 from armadico.watch.teleop.teleop import Teleop
 from tests.watch.browser import Browser, executable
-from tests.watch.page.stage import HOME, Served, served
+from tests.watch.page.stage import HOME, Served, served, subprotocol
 
 pytestmark = [
     pytest.mark.live,
@@ -228,18 +227,6 @@ def test_two_browsers_one_stops_the_other_resumes(
         assert other.received("Runtime.exceptionThrown") == []
 
 
-def sticks(stage: Served) -> list[Stick]:
-    found: list[Stick] = []
-
-    def watch(key: str, stick: m.Message, _t: float) -> None:
-        if key != "teleop/stick":  # the copy for agents of protocol 2
-            assert isinstance(stick, Stick)
-            found.append(stick)
-
-    stage.call(lambda: stage.mesh.watch(watch, Stick))
-    return found
-
-
 def until(condition: Callable[[], object], browser: Browser) -> None:
     for _ in range(300):
         if condition():
@@ -251,7 +238,7 @@ def until(condition: Callable[[], object], browser: Browser) -> None:
 def test_a_key_a_finger_and_a_gamepad_hold_and_release_the_stick(
     page: Browser, stage: Served
 ) -> None:
-    found = sticks(stage)
+    found = stage.call(stage.sticks)
     page.evaluate("document.getElementById('tab-hand').click()")
     page.evaluate("document.getElementById('pad').focus()")
     page.key("w", "KeyW", "keyDown")

@@ -2,166 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from itertools import pairwise
-
 import pytest
 
-from armadico.core.messages import Message
-from armadico.mobile.messages import Truth
-from armadico.watch.page.session import TURN_S
-from armadico.watch.teleop.messages import Stick
 from armadico.watch.teleop.teleop import Teleop
-from tests.robot.robots import body
 from tests.watch.page.stage import Stage
-
-SEND_S = 0.1  # interval at which a page sends its stick
-# Acceleration of the wheels over the controller's ramps: see `tests.watch.test_teleop_launch`.
-MOTORS = 1.3
-
-
-class Hands(Stage):
-    """Pages with sticks; `sticks` has the position by page."""
-
-    def __init__(self) -> None:
-        super().__init__("sc1")
-        self.run.add(Teleop)
-        self.sticks: dict[str, tuple[float, float]] = {}
-        self.truths: list[Truth] = []
-        self.published: list[Stick] = []
-        self._send_at = 0.0
-        self.mesh.watch(lambda _, truth, t: self.truths.append(truth), Truth)
-        self.mesh.watch(self._watch, Stick)
-        self.ready()
-        self.session.on_connect("page 2")
-        self.until(lambda: self.parts["hand"]["there"])
-
-    def _watch(self, key: str, stick: Message, _t: float) -> None:
-        if key != "teleop/stick":  # the copy for agents of protocol 2
-            assert isinstance(stick, Stick)
-            self.published.append(stick)
-
-    def hold(self, browser: str, v: float, w: float) -> None:
-        self.sticks[browser] = v, w
-
-    def release(self, browser: str) -> None:
-        self.sticks.pop(browser)
-        self.request(
-            browser, "stick", v=0.0, w=0.0, cycle=self.parts["motion"]["cycle"], held=False
-        )
-
-    def go_on(self, condition: Callable[[], object], seconds: float = 30.0) -> None:
-        end = self.mesh.now + seconds
-        while not condition():
-            assert self.mesh.now < end, (self.parts["hand"], self.parts["wheels"])
-            if self.mesh.now >= self._send_at:
-                self._send_at = self.mesh.now + SEND_S
-                for browser, (v, w) in self.sticks.items():
-                    cycle = self.parts["motion"]["cycle"]
-                    self.request(browser, "stick", v=v, w=w, cycle=cycle)
-            self.session.turn(TURN_S)
-
-    def holds(self, browser: str) -> bool:
-        hand = self.parts["hand"]
-        return bool(hand["hand"] == browser and hand["holds"])
-
-    @property
-    def driver(self) -> str | None:
-        driver: str | None = self.parts["wheels"]["obeyed"]
-        return driver
-
-    @property
-    def v(self) -> float:
-        v: float = self.parts["motion"]["v"]
-        return v
-
-    def smooth(self) -> None:
-        robot = body()
-        for before, after in pairwise(self.truths):
-            passed = after.t - before.t
-            if passed > 0.0:
-                a, alpha = (after.v - before.v) / passed, (after.w - before.w) / passed
-                assert -MOTORS * robot.v_decel <= a <= MOTORS * robot.v_accel, before
-                assert abs(alpha) <= MOTORS * robot.w_accel, before
 
 
 @pytest.fixture
-def hands() -> Hands:
-    return Hands()
+def stage() -> Stage:
+    """Two pages."""
+    made = Stage()
+    made.run.add(Teleop)
+    made.ready()
+    made.session.on_connect("page 2")
+    made.until(lambda: made.parts["hand"]["there"])
+    return made
 
 
-@pytest.mark.long
-def test_after_driving_by_hand_the_mission_continues_without_a_jerk(hands: Hands) -> None:
-    assert hands.answer(hands.request("page 1", "go", x=6.0, y=0.0))["ok"]
-    hands.go_on(lambda: hands.v > 0.3)
-    hands.hold("page 1", 0.5, 0.3)
-    hands.go_on(lambda: hands.holds("page 1"))
-    assert hands.driver == "teleop"
-    hands.go_on(lambda: hands.parts["motion"]["w"] > 0.15)
-    hands.release("page 1")
-    hands.go_on(lambda: hands.driver == "goto", 2.0)
-    hands.go_on(lambda: hands.parts["mission"]["state"] == "reached", 60.0)
-    hands.smooth()
+def test_a_page_that_disconnects_releases_the_stick_immediately(
+    stage: Stage,
+) -> None:
+    published = stage.sticks()
+
+    def holds() -> bool:
+        cycle, hand = stage.parts["motion"]["cycle"], stage.parts["hand"]
+        stage.request("page 1", "stick", v=0.4, w=0.0, cycle=cycle)
+        return bool(hand["hand"] == "page 1" and hand["holds"])
+
+    stage.until(holds)
+    stage.session.on_disconnect("page 1")
+    stage.run_for(0.1)
+    assert not published[-1].held
+    stage.until(lambda: not stage.parts["hand"]["hand"] and stage.parts["motion"]["v"] == 0.0, 5.0)
 
 
-def test_the_first_of_two_pages_drives_until_it_releases_the_stick(hands: Hands) -> None:
-    hands.hold("page 1", 0.4, 0.0)
-    hands.go_on(lambda: hands.holds("page 1"))
-    hands.hold("page 2", -1.0, 0.0)
-    until = hands.mesh.now + 1.5
-    hands.go_on(lambda: hands.mesh.now > until)
-    assert hands.parts["hand"]["hand"] == "page 1"
-    assert hands.v > 0.1
-    hands.release("page 1")
-    hands.go_on(lambda: hands.holds("page 2"))
-
-
-def test_a_page_that_disconnects_releases_the_stick_immediately(hands: Hands) -> None:
-    hands.hold("page 1", 0.4, 0.0)
-    hands.go_on(lambda: hands.holds("page 1"))
-    hands.sticks.clear()
-    hands.session.on_disconnect("page 1")
-    hands.run_for(0.1)
-    assert not hands.published[-1].held
-    hands.go_on(lambda: hands.parts["hand"]["hand"] == "" and hands.v == 0.0, 5.0)
-
-
-def test_the_stick_of_a_page_that_freezes_times_out_after_half_a_second(hands: Hands) -> None:
-    hands.hold("page 1", 0.4, 0.0)
-    hands.go_on(lambda: hands.holds("page 1"))
-    hands.sticks.clear()
-    frozen = hands.mesh.now
-    hands.go_on(lambda: hands.parts["hand"]["hand"] == "", 5.0)
-    assert 0.4 < hands.mesh.now - frozen < 0.9
-    hands.go_on(lambda: hands.v == 0.0, 5.0)
-
-
-def test_the_robot_stops_if_the_server_is_killed_while_a_page_drives(hands: Hands) -> None:
-    hands.hold("page 1", 1.0, 0.0)
-    hands.go_on(lambda: hands.v > 0.3)
-    hands.place.kill()
-    hands.mesh.run(hands.mesh.now + 3.0)
-    assert abs(hands.truths[-1].v) < 0.01
-    hands.smooth()
-
-
-def test_the_stop_has_priority_over_the_stick(hands: Hands) -> None:
-    hands.hold("page 1", 0.5, 0.0)
-    hands.go_on(lambda: hands.v > 0.2)
-    hands.request("page 2", "stop")
-    hands.go_on(lambda: hands.parts["stop"]["held"] and hands.v == 0.0)
-    until = hands.mesh.now + 2.0
-    hands.go_on(lambda: hands.mesh.now > until)
-    assert hands.v == 0.0
-    assert "page 2" in hands.parts["hand"]["note"]
-
-
-def test_a_stick_has_the_cycle_that_its_page_showed_and_no_later_one(hands: Hands) -> None:
-    seen = hands.parts["motion"]["cycle"]
-    hands.request("page 1", "stick", v=0.1, w=0.0, cycle=seen - 2)
-    hands.request("page 1", "stick", v=0.1, w=0.0, cycle=seen + 1000)
-    hands.run_for(0.1)
-    first, second = hands.published
+def test_a_stick_has_the_cycle_that_its_page_showed_and_no_later_one(
+    stage: Stage,
+) -> None:
+    published = stage.sticks()
+    seen = stage.parts["motion"]["cycle"]
+    stage.request("page 1", "stick", v=0.1, w=0.0, cycle=seen - 2)
+    stage.request("page 1", "stick", v=0.1, w=0.0, cycle=seen + 1000)
+    stage.run_for(0.1)
+    first, second = published
     assert first.cycle.number == seen - 2
     assert seen <= second.cycle.number <= seen + 2
     assert (first.number, second.number) == (1, 2)
@@ -172,11 +55,10 @@ def test_the_page_starts_a_missing_teleop_agent() -> None:
     stage.ready()
     assert not stage.parts["hand"]["there"]
     assert stage.parts["could"] == ["teleop"]
-    assert stage.answer(stage.request("page 1", "start", agent="teleop"))["ok"]
+    assert stage.ask("page 1", "start", agent="teleop")["ok"]
     stage.until(lambda: stage.parts["hand"]["there"])
     assert stage.parts["could"] == []
-    answer = stage.answer(stage.request("page 1", "start", agent="teleop"))
-    assert not answer["ok"]
+    assert not stage.ask("page 1", "start", agent="teleop")["ok"]
     assert len(stage.spawned) == 1
 
 

@@ -5,11 +5,6 @@ from __future__ import annotations
 from armadico.watch.page.places import Places
 
 
-def test_the_newest_gets_the_place_of_the_oldest() -> None:
-    places = Places[int](2)
-    assert [places.enter(n, "s") for n in range(4)] == [None, None, 0, 1]
-
-
 def test_a_source_that_floods_displaces_its_own() -> None:
     places = Places[str](4)
     assert places.enter("person", "a") is None

@@ -21,7 +21,7 @@ from websockets.typing import Origin, Subprotocol
 
 from armadico.mesh.ports import LOOPBACK
 from armadico.watch.page import server
-from armadico.watch.page.guard import PROTOCOL, Guard, subprotocol
+from armadico.watch.page.guard import PROTOCOL, Guard
 from armadico.watch.page.server import (
     CONNECTIONS,
     MOST,
@@ -32,6 +32,7 @@ from armadico.watch.page.server import (
     ServerError,
     web_files,
 )
+from tests.watch.page.stage import subprotocol
 
 SOON = 20.0
 TOKEN = "0123456789abcdef0123"
@@ -178,12 +179,6 @@ def test_with_the_token_it_opens_and_the_token_is_not_repeated(locked: Place) ->
     assert opened.subprotocol == PROTOCOL
     assert json.loads(opened.recv(SOON))["type"] == "hello"
     assert locked.desk.may == [True]
-
-
-def test_a_page_of_another_server_is_refused_even_with_the_token(locked: Place) -> None:
-    with pytest.raises(InvalidStatus) as refused:
-        locked.open("http://evil.example", subprotocol(TOKEN))
-    assert refused.value.response.status_code == 403
 
 
 def _hello(opened: ClientConnection) -> str:

@@ -22,7 +22,6 @@ from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.launch.virtual_session import VirtualSession
 from armadico.watch.page.model import Robot
-from armadico.watch.teleop.messages import Stick
 from tests.watch.page.stage import HOME, Stage
 
 GOAL = (1.2, 0.0)
@@ -74,14 +73,13 @@ def test_loops_that_are_switched_off_are_sent_apart_from_those_that_count() -> N
 
 
 def test_a_goal_is_a_mission_and_the_robot_arrives(stage: Stage) -> None:
-    answer = stage.answer(stage.request("page 1", "go", x=GOAL[0], y=GOAL[1]))
-    assert answer["ok"]
+    assert stage.ask("page 1", "go", x=GOAL[0], y=GOAL[1])["ok"]
     stage.until(lambda: reached(stage))
     assert off(stage, *GOAL) < 0.15
 
 
 def test_the_default_heading_is_the_direction_to_the_goal(stage: Stage) -> None:
-    stage.answer(stage.request("page 1", "go", x=1.0, y=1.0))
+    stage.ask("page 1", "go", x=1.0, y=1.0)
     x, y = (stage.parts["motion"][name] for name in "xy")
     (goal,) = stage.parts["mission"]["way"][-1:]
     assert abs(goal[2] - pi / 4) < 0.3, (x, y)
@@ -90,23 +88,22 @@ def test_the_default_heading_is_the_direction_to_the_goal(stage: Stage) -> None:
 def test_a_goal_in_a_wall_is_refused_by_the_planner() -> None:
     stage = Stage("sc4")
     stage.ready()
-    answer = stage.answer(stage.request("page 1", "go", x=4.6, y=1.5))
+    answer = stage.ask("page 1", "go", x=4.6, y=1.5)
     assert not answer["ok"]
     assert "wall" in answer["text"]
     assert stage.parts["motion"]["v"] == 0.0
 
 
 def test_a_goal_while_stopped_is_accepted(stage: Stage) -> None:
-    stage.answer(stage.request("page 1", "stop"))
-    answer = stage.answer(stage.request("page 1", "go", x=1.0, y=0.0))
+    stage.ask("page 1", "stop")
+    answer = stage.ask("page 1", "go", x=1.0, y=0.0)
     assert answer["ok"]
     assert "stop" in answer["text"]
 
 
 def test_without_an_interface_agent_a_goal_times_out(stage: Stage) -> None:
     stage.mesh.node("interface").kill()
-    answer = stage.answer(stage.request("page 1", "go", x=1.0, y=0.0))
-    assert not answer["ok"]
+    assert not stage.ask("page 1", "go", x=1.0, y=0.0)["ok"]
 
 
 # The stop -----------------------------------------------------------------------------------------
@@ -127,16 +124,6 @@ def test_a_stop_is_sent_in_the_same_turn_and_held_when_the_robot_reports_it(
     assert abs(motion["w"]) <= REST_RAD_S
 
 
-def test_it_stays_stopped_when_another_browser_sets_a_goal(stage: Stage) -> None:
-    driving(stage)
-    stage.answer(stage.request("page 1", "stop"))
-    there = (stage.parts["motion"]["x"], stage.parts["motion"]["y"])
-    stage.answer(stage.request("page 2", "go", x=1.0, y=1.0))
-    stage.run_for(5.0)
-    assert stage.parts["stop"]["held"]
-    assert off(stage, *there) < 0.01
-
-
 def test_a_flood_of_requests_does_not_make_a_browser_one_that_may_drive(stage: Stage) -> None:
     stage.session.on_connect("looker", may=False)
     for _ in range(2 * EVENTS):  # more than are kept, before the session takes the first
@@ -149,7 +136,7 @@ def test_a_browser_without_the_token_stops_the_robot_and_can_do_nothing_else(sta
     driving(stage)
     stage.session.on_connect("looker", may=False)
     stage.run_for(0.2)
-    assert stage.answer(stage.request("looker", "stop"))["ok"]
+    assert stage.ask("looker", "stop")["ok"]
     assert stage.parts["stop"]["held"]
     press = stage.parts["stop"]["press"]
     for do, words in {
@@ -160,40 +147,29 @@ def test_a_browser_without_the_token_stops_the_robot_and_can_do_nothing_else(sta
         "restart": {"agent": "goto"},
         "start": {"agent": "teleop"},
     }.items():
-        answer = stage.answer(stage.request("looker", do, **words))
+        answer = stage.ask("looker", do, **words)
         assert not answer["ok"]
         assert "token" in answer["text"], do
     stage.run_for(1.0)
     assert stage.parts["stop"]["held"]
-    assert stage.answer(stage.request("page 1", "resume", press=press))["ok"]
-
-
-def test_within_400_ms_no_agent_commands_a_speed(stage: Stage) -> None:
-    """After that only the controller's ramp remains."""
-    commands: list[tuple[float, m.Command]] = []
-    stage.mesh.watch(lambda _, message, t: commands.append((t, message)), m.Command)
-    driving(stage)
-    begun = stage.mesh.now
-    stage.request("page 1", "stop")
-    stage.run_for(2.0)
-    assert not [c for t, c in commands if t > begun + 0.4 and any(c.action or ())]
+    assert stage.ask("page 1", "resume", press=press)["ok"]
 
 
 def test_a_resume_releases_the_shown_stop_and_the_robot_drives_on(stage: Stage) -> None:
     driving(stage)
-    stage.answer(stage.request("page 1", "stop"))
+    stage.ask("page 1", "stop")
     press = stage.parts["stop"]["press"]
-    assert stage.answer(stage.request("page 2", "resume", press=press))["ok"]
+    assert stage.ask("page 2", "resume", press=press)["ok"]
     stage.until(lambda: stage.parts["motion"]["v"] > 0.2)
 
 
 def test_a_resume_of_an_earlier_stop_is_refused(stage: Stage) -> None:
-    stage.answer(stage.request("page 1", "stop"))
+    stage.ask("page 1", "stop")
     seen = stage.parts["stop"]["press"]
-    stage.answer(stage.request("page 1", "resume", press=seen))
+    stage.ask("page 1", "resume", press=seen)
     stage.client.stop(by="anna")
     stage.until(lambda: stage.parts["stop"]["by"] == "anna")
-    answer = stage.answer(stage.request("page 1", "resume", press=seen))
+    answer = stage.ask("page 1", "resume", press=seen)
     assert not answer["ok"]
     assert "anna" in answer["text"]
     assert stage.parts["stop"]["held"]
@@ -214,7 +190,7 @@ def test_an_unacknowledged_stop_is_reported_and_repeated_until_it_holds(
 
 
 def test_a_stop_is_not_held_without_fresh_robot_states(stage: Stage) -> None:
-    stage.answer(stage.request("page 1", "stop"))
+    stage.ask("page 1", "stop")
     stage.mesh.node("robot").hang()
     stage.until(lambda: not stage.parts["motion"]["connected"])
     assert (stage.parts["stop"]["stopped"], stage.parts["stop"]["held"]) == (True, False)
@@ -233,15 +209,11 @@ def test_a_resume_cancels_an_unacknowledged_stop(stage: Stage) -> None:
     stage.mesh.node("robot").hang()
     number = stage.request("page 1", "stop")
     stage.run_for(1.0)
-    assert stage.answer(stage.request("page 2", "resume", press="0"))["ok"]
+    assert stage.ask("page 2", "resume", press="0")["ok"]
     answer = stage.answer(number)
     assert not answer["ok"]
     assert "page 2" in answer["text"]
     assert not stage.parts["stop"]["asked"]
-
-
-def test_a_robot_that_is_not_stopped_cannot_be_released(stage: Stage) -> None:
-    assert not stage.answer(stage.request("page 1", "resume", press="0"))["ok"]
 
 
 # Browsers -----------------------------------------------------------------------------------------
@@ -260,7 +232,7 @@ def test_a_slow_browser_skips_data_and_receives_all_answers(stage: Stage) -> Non
     stage.shown.slow |= {"page 1", "page 2"}
     stage.run_for(0.1)
     before = stage.shown.count
-    assert not stage.answer(stage.request("page 1", "resume", press="0"))["ok"]
+    assert not stage.ask("page 1", "resume", press="0")["ok"]
     stage.run_for(1.0)
     assert stage.shown.count == before
 
@@ -301,19 +273,6 @@ def test_an_invalid_request_is_refused(stage: Stage, data: str, named: str) -> N
     assert named in stage.shown.answers[-1]["text"]
 
 
-@pytest.mark.parametrize(
-    ("do", "words"),
-    [
-        ("go", {"x": 1e9, "y": 0.0}),  # a typing error
-        ("set", {"instance": "goto-1", "name": "v_max", "json": "9" * 2001}),
-        ("set", {"instance": "goto-1", "name": "v_max", "json": "9" * 5000}),
-        ("fly", {}),
-    ],
-)
-def test_a_request_out_of_range_is_answered(stage: Stage, do: str, words: dict[str, Any]) -> None:
-    assert not stage.answer(stage.request("page 1", do, **words))["ok"]
-
-
 def test_a_stop_gets_through_a_flood_of_another_browser(stage: Stage) -> None:
     driving(stage)
     goal = json.dumps({"do": "go", "id": 1, "robot": HOME, "x": 1.0, "y": 1.0})
@@ -335,15 +294,7 @@ def test_a_flood_does_not_use_up_another_browsers_queries(stage: Stage) -> None:
 
 
 def test_a_flood_of_sticks_is_reduced_to_the_newest(stage: Stage) -> None:
-    sticks: list[Stick] = []
-
-    def watch(key: str, message: m.Message, _t: float) -> None:
-        if key != "teleop/stick":  # the copy for agents of protocol 2
-            assert isinstance(message, Stick)
-            assert key == f"teleop/stick/{message.hand}"
-            sticks.append(message)
-
-    stage.mesh.watch(watch, Stick)
+    sticks = stage.sticks()
     cycle = stage.parts["motion"]["cycle"]
     for _ in range(20):
         for at in range(50):
@@ -372,19 +323,6 @@ def test_the_driving_agent_and_the_bids_of_the_others(stage: Stage) -> None:
     assert stage.parts["exchanges"][0]["to"] == "goto"
 
 
-def test_why_it_stands_has_the_cause(stage: Stage) -> None:
-    assert stage.parts["standing"]["cause"]["sort"] == "no goal"
-    stage.answer(stage.request("page 1", "stop"))
-    stage.run_for(0.2)
-    assert (stage.parts["standing"]["cause"]["sort"], stage.parts["standing"]["cause"]["who"]) == (
-        "stop",
-        "page 1",
-    )
-    stage.mesh.node("robot").kill()
-    stage.until(lambda: stage.parts["standing"]["cause"]["sort"] == "unreachable")
-    assert stage.parts["standing"]["cause"]["who"] == "robot"
-
-
 def test_a_supervised_agent_is_restarted_by_its_hosts_wakeup_agent() -> None:
     scenario = replace(load_scenario("sc1"), goal=None)
     table = HostTable({"here": Host(agents=("robot", *scenario.agents))})
@@ -397,8 +335,7 @@ def test_a_supervised_agent_is_restarted_by_its_hosts_wakeup_agent() -> None:
 
     stage.until(lambda: goto()["kept"])
     before = goto()["pid"]
-    answer = stage.answer(stage.request("page 1", "restart", agent="goto", pid=before))
-    assert answer["ok"]
+    assert stage.ask("page 1", "restart", agent="goto", pid=before)["ok"]
     stage.until(lambda: goto()["alive"] and goto()["pid"] not in (0, before))
 
 
@@ -410,9 +347,7 @@ def test_a_share_under_another_instances_name_is_ignored(stage: Stage, name: str
     VirtualSession(stage.mesh, HOME, name="stranger").publish("wakeup/stranger-1/share", share)
     stage.run_for(0.5)
     for do, agent in (("restart", "goto"), ("start", "dock")):
-        answer = stage.answer(
-            stage.request("page 1", do, agent=agent, **({"pid": 77} if do == "restart" else {}))
-        )
+        answer = stage.ask("page 1", do, agent=agent, **({"pid": 77} if do == "restart" else {}))
         assert not answer["ok"]
         assert agent in answer["text"]
 
@@ -422,9 +357,9 @@ def test_without_capabilities_the_page_drives_and_stops(monkeypatch: pytest.Monk
     stage = Stage()
     stage.ready()
     assert not {"board", "hand"} & stage.parts.keys()
-    assert "order" in stage.answer(stage.request("page 1", "order", mission="surveillance"))["text"]
-    assert stage.answer(stage.request("page 1", "go", x=1.0, y=0.0))["ok"]
-    assert stage.answer(stage.request("page 1", "stop"))["ok"]
+    assert "order" in stage.ask("page 1", "order", mission="surveillance")["text"]
+    assert stage.ask("page 1", "go", x=1.0, y=0.0)["ok"]
+    assert stage.ask("page 1", "stop")["ok"]
 
 
 # Parameters ---------------------------------------------------------------------------------------
@@ -442,18 +377,17 @@ def test_a_parameter_is_changed_and_a_value_out_of_range_is_refused(
     stage.until(lambda: stage.parts["parameters"])
     row = parameter(stage, "goto", "v_max")
     of = {"instance": row["instance"], "name": "v_max"}
-    answer = stage.answer(stage.request("page 1", "set", json="0.2", **of))
-    assert answer["ok"], answer
+    assert stage.ask("page 1", "set", json="0.2", **of)["ok"]
     stage.run_for(0.2)
     assert parameter(stage, "goto", "v_max")["json"] == "0.2"
-    answer = stage.answer(stage.request("page 1", "set", json="-3", **of))
+    answer = stage.ask("page 1", "set", json="-3", **of)
     assert not answer["ok"]
     assert "v_max" in answer["text"]
     assert parameter(stage, "goto", "v_max")["json"] == "0.2"
 
 
 def test_a_parameter_of_an_agent_that_has_ended_is_not_set(stage: Stage) -> None:
-    answer = stage.answer(stage.request("page 1", "set", instance="goto-0", name="v_max", json="1"))
+    answer = stage.ask("page 1", "set", instance="goto-0", name="v_max", json="1")
     assert not answer["ok"]
     assert "goto-0" in answer["text"]
 

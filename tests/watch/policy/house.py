@@ -14,9 +14,10 @@ from armadico.core.messages import Log, RobotState, Stop
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mobile.messages import MissionStatus, Trajectory, Truth
-from armadico.watch.assistant.assistant import Assistant, Parameters
+from armadico.watch.assistant.assistant import Assistant
+from armadico.watch.assistant.keeper import Parameters
 from armadico.watch.assistant.messages import AssistantReply, AssistantRequest
-from armadico.watch.assistant.policy.messages import Answered, ApprovalAnswer, Approvals, Choice
+from armadico.watch.assistant.policy.messages import Approvals
 from tests.driven import Driven
 
 HOUSE = Scenario(
@@ -76,23 +77,11 @@ class House(Driven):
         self.mesh.query(request, asked.replies.append, 40.0)  # type: ignore[arg-type]
         return asked
 
-    def asks(
-        self, tool: str, by: str = "model", wait: float = 3.0, **args: object
-    ) -> AssistantReply:
+    def asks(self, tool: str, by: str = "model", **args: object) -> AssistantReply:
         """Ask, and wait for the first reply."""
         asked = self.ask(tool, by, **args)
         self.until(lambda: bool(asked.replies), 45.0)
         return asked.reply
-
-    def answers(self, code: str, choice: Choice = Choice.YES, by: str = "ann") -> Answered:
-        found: list[Answered] = []
-        self.mesh.query(ApprovalAnswer(code, choice, by), found.append)  # type: ignore[arg-type]
-        self.until(lambda: bool(found), 5.0)
-        return found[0]
-
-    def polled(self, waits: AssistantReply, by: str = "model") -> AssistantReply:
-        """What has become of a request that waits for a person."""
-        return self.asks("approval", by, number=str(waits.approval))
 
     def places(self, since: float = 0.0) -> list[tuple[float, float]]:
         return [(t.x, t.y) for t in self.of(Truth, since)]

@@ -18,9 +18,8 @@ from armadico.core.messages import LABEL, Log
 from armadico.mobile.messages import MissionState
 from armadico.watch.assistant.messages import Against, AssistantReply, AssistantRequest
 from armadico.watch.assistant.policy.ledger import check, lines_of
-from armadico.watch.assistant.policy.messages import Approvals, Choice
+from armadico.watch.assistant.policy.messages import Approvals
 from armadico.watch.assistant.policy.policy import BY_SONARS, load, read
-from armadico.watch.assistant.tools import REHEARSE, TOOLS
 from tests.watch.policy.house import HOUSE, House
 
 WORLD = load_world("house")
@@ -230,9 +229,8 @@ def test_a_distance_from_people_that_sonars_cannot_tell_is_warned_of(
     ],
 )
 def test_a_rehearsal_tells_what_the_policy_has_against_it_and_nothing_begins(
-    policy: str, against: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    policy: str, against: str, tmp_path: Path
 ) -> None:
-    monkeypatch.setitem(TOOLS, "rehearse", REHEARSE)
     house = House(policy, tmp_path).let_pass(3.0)
     reply = house.asks("rehearse", x=6.9, y=2.0)
     assert (reply.refusal, reply.mission, reply.approval) == ("", 0, 0)
@@ -311,16 +309,3 @@ def test_goals_of_an_hour_are_used_up(tmp_path: Path) -> None:
     more = [house.asks("goto", by="client 0", x=1.0, y=1.0 + n / 10) for n in range(5)]
     assert "3 goals an hour" in more[-1].refusal
     assert "3 goals an hour" in house.asks("goto", by="a new name", x=1.0, y=1.0).refusal
-
-
-def test_a_way_through_a_room_waits_for_a_person(tmp_path: Path) -> None:
-    policy = '[default]\nrooms = ["A", "corridor", "C"]\napproval_rooms = ["C"]\nv_max = 0.3\n'
-    house = House(policy, tmp_path)
-    waits = house.asks("goto", x=6.9, y=2.0)
-    assert "leads through C" in waits.text
-    assert not waits.mission
-    house.let_pass(1.0)
-    (shown,) = house.last(Approvals).waiting
-    assert house.answers(shown.code, Choice.YES).text
-    house.until(lambda: house.polled(waits).mission != 0, 5.0)
-    assert "it is over" in house.answers(shown.code, Choice.YES).refusal

@@ -9,11 +9,11 @@ from typing import Final
 import msgspec
 import pytest
 
-from armadico.core.agent import Question
 from armadico.core.messages import Log
 from armadico.core.outgoing import Answer
 from armadico.mobile.messages import MissionReply, MissionRequest
-from armadico.watch.assistant.assistant import LEARN_S, TELL_S
+from armadico.watch.assistant.assistant import TELL_S
+from armadico.watch.assistant.keeper import LEARN_S
 from armadico.watch.assistant.messages import AssistantReply, AssistantRequest
 from armadico.watch.assistant.policy.approvals import (
     GONE_S,
@@ -30,7 +30,6 @@ from armadico.watch.assistant.policy.messages import (
     Choice,
     Ledger,
 )
-from armadico.watch.assistant.tools import REHEARSE, TOOLS
 from armadico.watch.mcp.guest import MCP
 from tests.watch.test_assistant import STOPPED, Counter
 
@@ -49,24 +48,15 @@ class Desk(Counter):
         self.gone = False
 
     def ask(self, x: float = 2.0, y: float = 1.0, by: str = "model") -> AssistantReply:
-        self.number += 1
-        request = AssistantRequest("goto", f'{{"x": {x}, "y": {y}}}', by)
-        self.agent.kernel.on_query(request, Question(self.number), self.now)
-        self.collect()
+        self.put(AssistantRequest("goto", f'{{"x": {x}, "y": {y}}}', by))
         return self.replies[self.number]
 
     def poll(self, number: int, by: str = "model") -> AssistantReply:
-        request = AssistantRequest("approval", f'{{"number": "{number}"}}', by)
-        self.number += 1
-        self.agent.kernel.on_query(request, Question(self.number), self.now)
-        self.collect()
+        self.put(AssistantRequest("approval", f'{{"number": "{number}"}}', by))
         return self.replies[self.number]
 
     def answer(self, code: str, choice: Choice = Choice.YES, by: str = "ann") -> Answered:
-        self.number += 1
-        answer = ApprovalAnswer(code, choice, by)
-        self.agent.kernel.on_query(answer, Question(self.number), self.now)
-        self.collect()
+        self.put(ApprovalAnswer(code, choice, by))
         return self.told.get(self.number) or Answered("no reply yet")
 
     def collect(self) -> None:
@@ -110,7 +100,7 @@ def test_a_goal_waits_for_a_yes_and_is_done_once(tmp_path: Path) -> None:
     code = desk.code()
     assert desk.answer(code).text
     assert isinstance(desk.queries[-1].request, MissionRequest)
-    desk.agent.kernel.on_reply(desk.queries[-1].id, MissionReply(77), desk.now)
+    desk.hear(MissionReply(77))
     assert desk.poll(waits.approval).mission == 77
     for choice in (Choice.YES, Choice.NO, Choice.ALWAYS):  # a replayed answer
         assert "approved by ann" in desk.answer(code, choice).refusal
@@ -127,13 +117,12 @@ def test_whoever_approves_is_told_what_became_of_it(tmp_path: Path) -> None:
     for waiting, choice in zip(shown.waiting, (Choice.YES, Choice.ALWAYS), strict=True):
         desk.answer(waiting.code, choice)
     assert not desk.told, "nobody knows yet"
-    desk.agent.kernel.on_reply(desk.queries[-1].id, MissionReply(77), desk.now)
+    desk.hear(MissionReply(77))
     desk.pass_s(1.0)  # the other one begins
     taken = desk.told.pop(desk.number - 1)
     assert (taken.refusal, "taken on" in taken.text) == ("", True)
     why = "the robot is under way on another mission"
-    desk.agent.kernel.on_reply(desk.queries[-1].id, MissionReply(0, why), desk.now)
-    desk.collect()
+    desk.hear(MissionReply(0, why))
     (refused,) = desk.told.values()
     assert why in refused.refusal
     assert "always" in refused.refusal, "that stands"
@@ -149,17 +138,8 @@ def test_whoever_approves_does_not_wait_for_long(tmp_path: Path) -> None:
     desk.answer(desk.code())
     desk.pass_s(TELL_S)
     assert "not begun yet" in desk.told[desk.number].text
-    desk.agent.kernel.on_reply(desk.queries[-1].id, MissionReply(77), desk.now)
-    desk.collect()
+    desk.hear(MissionReply(77))
     assert len(desk.told) == 1, "once"
-
-
-def test_a_no_is_told_with_who_said_it(tmp_path: Path) -> None:
-    desk = Desk(tmp_path)
-    waits = desk.ask()
-    desk.answer(desk.code(), Choice.NO, "bob")
-    assert "denied by bob" in desk.poll(waits.approval).refusal
-    assert not desk.queries
 
 
 def test_of_two_answers_the_first_counts(tmp_path: Path) -> None:
@@ -213,21 +193,6 @@ def test_what_has_changed_meanwhile_counts(tmp_path: Path) -> None:
     assert not desk.queries
 
 
-def test_always_is_for_this_place_and_client(tmp_path: Path) -> None:
-    desk = Desk(tmp_path)
-    desk.ask()
-    desk.answer(desk.code(), Choice.ALWAYS)
-    desk.agent.kernel.on_reply(desk.queries[-1].id, MissionReply(77), desk.now)
-    desk.number += 1
-    request = AssistantRequest("goto", '{"x": 2.2, "y": 1.1}', "model")
-    desk.agent.kernel.on_query(request, Question(desk.number), desk.now)
-    desk.collect()
-    assert len(desk.queries) == 2, "it is passed on without a question"
-    desk.agent.kernel.on_reply(desk.queries[-1].id, MissionReply(78), desk.now)
-    assert desk.ask(x=3.0).approval, "another place"
-    assert desk.ask(by="other").approval, "another client"
-
-
 @pytest.mark.parametrize(
     ("tool", "order", "trial"),
     [
@@ -236,15 +201,10 @@ def test_always_is_for_this_place_and_client(tmp_path: Path) -> None:
     ],
 )
 def test_a_rehearsal_of_what_is_approved_for_always_says_that_no_person_is_asked(
-    tool: str,
-    order: str,
-    trial: dict[str, object],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    tool: str, order: str, trial: dict[str, object], tmp_path: Path
 ) -> None:
     if tool == "mission":
         pytest.importorskip("armadico.agents.missions")
-    monkeypatch.setitem(TOOLS, "rehearse", REHEARSE)
     desk = Desk(tmp_path, f'[default]\napproval = ["{tool}"]\n', log=str(tmp_path / "log"))
     desk.pass_s(LEARN_S)
     first = desk.request("rehearse", **trial)
@@ -271,31 +231,24 @@ def test_always_outlasts_the_assistant_by_its_log_until_a_person_ends_it(tmp_pat
     desk = Desk(tmp_path, log=str(log))
     desk.ask()
     desk.answer(desk.code(), Choice.ALWAYS)
-
-    def passes(desk: Desk, by: str = "model") -> bool:
-        request = AssistantRequest("goto", '{"x": 2.2, "y": 1.1}', by)
-        desk.number += 1
-        desk.agent.kernel.on_query(request, Question(desk.number), desk.now)
-        desk.collect()
-        return bool(desk.queries)
-
-    assert passes(back(tmp_path))
-    assert not passes(back(tmp_path), by="other")
-    assert not passes(Desk(tmp_path)), "without a log it ends with the assistant"
-    assert not passes(
-        back(tmp_path, '[default]\napproval_rooms = ["C"]\n[clients.model]\napproval = ["goto"]\n')
-    ), "another section"
+    assert goes(back(tmp_path), 2.2)
+    assert not goes(back(tmp_path), 2.2, "other")
+    assert not goes(Desk(tmp_path), 2.2), "without a log it ends with the assistant"
+    other = '[default]\napproval_rooms = ["C"]\n[clients.model]\napproval = ["goto"]\n'
+    desk = back(tmp_path, other)
+    desk.request("goto", x=2.2, y=1.1)
+    assert not desk.queries, "another section"
     whole = log.read_bytes()
     again = Desk(tmp_path, log=str(log))
     again.receive(Ledger(99, "0" * 64))  # the society knows of a longer one
-    assert not passes(again), "what was cut off may have ended it"
-    assert not passes(back(tmp_path)), "also after the gap"
+    assert not goes(again, 2.2), "what was cut off may have ended it"
+    assert not goes(back(tmp_path), 2.2), "also after the gap"
     log.write_bytes(whole)
     again = back(tmp_path)
     assert "model has" in again.answer("other", Choice.FORGET).refusal
     assert "forgotten: 1" in again.answer("model", Choice.FORGET).text
-    assert not passes(again)
-    assert not passes(back(tmp_path))
+    assert not goes(again, 2.2)
+    assert not goes(back(tmp_path), 2.2)
 
 
 def approved(desk: Desk, x: float, by: str = "model") -> None:
@@ -303,17 +256,13 @@ def approved(desk: Desk, x: float, by: str = "model") -> None:
     desk.now += 10.0
     desk.ask(x, 1.0, by)
     desk.answer(desk.code(), Choice.ALWAYS)
-    desk.agent.kernel.on_reply(desk.queries[-1].id, MissionReply(5), desk.now)
-    desk.collect()
+    desk.hear(MissionReply(5))
 
 
 def goes(desk: Desk, x: float, by: str = "model") -> bool:
     """Whether a goal needs no person's answer."""
     desk.now += 10.0
-    desk.number += 1
-    request = AssistantRequest("goto", f'{{"x": {x}, "y": 1.0}}', by)
-    desk.agent.kernel.on_query(request, Question(desk.number), desk.now)
-    desk.collect()
+    desk.put(AssistantRequest("goto", f'{{"x": {x}, "y": 1.0}}', by))
     reply = desk.replies.get(desk.number)
     assert reply is None or reply.approval, reply
     return bool(desk.queries)
@@ -448,8 +397,7 @@ def test_the_last_64_that_are_over_are_known_and_as_many_for_always(tmp_path: Pa
         desk.now += 2.0
         asked.append(desk.ask(x=2.0 * n).approval)
         desk.answer(desk.code(), Choice.ALWAYS)
-        desk.agent.kernel.on_reply(desk.queries[-1].id, MissionReply(n + 1), desk.now)
-        desk.collect()
+        desk.hear(MissionReply(n + 1))
     assert desk.poll(asked[0]).mission == 1
     desk.now += 2.0
     assert desk.ask(x=0.0).approval, "the first one for always is not known any more"
@@ -457,17 +405,6 @@ def test_the_last_64_that_are_over_are_known_and_as_many_for_always(tmp_path: Pa
     desk.now += 2.0
     desk.ask(x=-50.0)
     assert "no request of yours" in desk.poll(asked[0]).refusal
-
-
-@pytest.mark.parametrize("number", ["0", "1", str(2**63 - 1), "99999999999999999999", "x"])
-def test_a_guessed_number_tells_nothing(number: str, tmp_path: Path) -> None:
-    desk = Desk(tmp_path)
-    desk.ask()
-    desk.number += 1
-    request = AssistantRequest("approval", f'{{"number": "{number}"}}', "model")
-    desk.agent.kernel.on_query(request, Question(desk.number), desk.now)
-    desk.collect()
-    assert desk.replies[desk.number].refusal
 
 
 def test_the_server_of_programs_has_no_right_to_answer() -> None:

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from armadico.watch.assistant.assistant import Assistant, Parameters
+from armadico.watch.assistant.assistant import Assistant
+from armadico.watch.assistant.keeper import Parameters
 from armadico.watch.assistant.messages import AssistantRequest
 from tests.watch.browser import Browser, executable
 from tests.watch.page.stage import HOME, Served, served

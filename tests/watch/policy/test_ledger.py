@@ -12,11 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armadico.core.messages import Log
-from armadico.watch.assistant.assistant import LEARN_S
+from armadico.watch.assistant.keeper import LEARN_S
 from armadico.watch.assistant.policy.ledger import (
     BEGIN,
     Entry,
-    LogFile,
     against,
     check,
     lines_of,
@@ -72,14 +71,6 @@ def test_any_changed_byte_is_found(data: st.DataObject) -> None:
     assert check([*lines[:number], bytes(line), *lines[number + 1 :]]).fault
 
 
-@pytest.mark.parametrize("left", [0, 3, 8])
-def test_a_log_that_was_cut_is_found_by_what_the_society_knows(left: int) -> None:
-    whole = check(written(9))
-    cut = check(written(9)[:left])
-    assert not cut.fault, "it is whole in itself"
-    assert "cut" in against(cut, whole.entries, whole.head)
-
-
 def test_a_log_that_was_written_anew_is_found() -> None:
     whole = check(written(9))
     lines = [line.replace(b"goto", b"stop") for line in written(9)]
@@ -114,14 +105,6 @@ def test_each_request_and_its_outcome_is_in_the_log(tmp_path: Path) -> None:
     assert log.stat().st_mode & 0o077 == 0, "nobody else reads or writes it"
 
 
-def test_a_log_goes_on_after_a_restart(tmp_path: Path) -> None:
-    log = tmp_path / "requests.jsonl"
-    for _ in range(3):
-        Counter(log=str(log)).request("where")
-    found = check(lines_of(log))
-    assert (found.entries, found.fault) == (6, "")
-
-
 def test_a_log_that_was_changed_stops_everything_but_a_stop(tmp_path: Path) -> None:
     log = tmp_path / "requests.jsonl"
     Counter(log=str(log)).request("goto", x=1, y=1)
@@ -133,13 +116,18 @@ def test_a_log_that_was_changed_stops_everything_but_a_stop(tmp_path: Path) -> N
     assert counter.stops
 
 
-def test_a_log_that_was_cut_between_two_starts_is_found_and_said(tmp_path: Path) -> None:
-    log = tmp_path / "requests.jsonl"
+def logged(log: Path) -> Ledger:
+    """What the society remembers after three requests of a client."""
     before = Counter(log=str(log))
     before.now = LEARN_S  # nobody remembers another log
     for _ in range(3):
         before.request("where")
-    ledger = [each for each in before.published if isinstance(each, Ledger)][-1]
+    return [each for each in before.published if isinstance(each, Ledger)][-1]
+
+
+def test_a_log_that_was_cut_between_two_starts_is_found_and_said(tmp_path: Path) -> None:
+    log = tmp_path / "requests.jsonl"
+    ledger = logged(log)
     log.write_bytes(b"".join(list(lines_of(log))[:2]))
     after = Counter(log=str(log))
     after.receive(ledger)  # as the other agents restore it
@@ -150,11 +138,7 @@ def test_a_log_that_was_cut_between_two_starts_is_found_and_said(tmp_path: Path)
 
 def test_a_log_that_was_moved_away_locks_nobody_out_and_is_still_reported(tmp_path: Path) -> None:
     log = tmp_path / "requests.jsonl"
-    before = Counter(log=str(log))
-    before.now = LEARN_S  # nobody remembers another log
-    for _ in range(3):
-        before.request("where")
-    ledger = [each for each in before.published if isinstance(each, Ledger)][-1]
+    ledger = logged(log)
     log.rename(tmp_path / "old.jsonl")
     Counter(log=str(log)).receive(ledger)
     again = Counter(log=str(log))
@@ -191,11 +175,3 @@ def test_a_log_that_cannot_be_written_stops_everything_but_a_stop(tmp_path: Path
     assert told().startswith("nothing is allowed: the log ")
     counter.request("stop")
     assert counter.stops
-
-
-def test_a_log_file_is_only_appended_to(tmp_path: Path) -> None:
-    log = LogFile(tmp_path / "log")
-    first = log.append(Entry(0, "", "asked", "model"))
-    second = log.append(Entry(0, "", "asked", "model"))
-    assert (first.entries, second.entries) == (1, 2)
-    assert first.head != second.head

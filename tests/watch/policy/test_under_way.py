@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from armadico.agents.interface.messages import MissionCancel
-from armadico.core.agent import Question
 from armadico.core.messages import Cycle, Description, Point, RobotState
 from armadico.mobile.messages import (
     MissionReply,
@@ -21,10 +20,10 @@ from armadico.mobile.messages import (
     Waypoint,
 )
 from armadico.mobile.obstacles import Obstacles
-from armadico.watch.assistant.assistant import BESIDE_S, BUSY, LEARN_S, TAKEN_BACK
+from armadico.watch.assistant.assistant import BUSY, TAKEN_BACK
+from armadico.watch.assistant.keeper import BESIDE_S, LEARN_S
 from armadico.watch.assistant.messages import AssistantReply, AssistantRequest
 from armadico.watch.assistant.policy.messages import Approvals, Choice
-from armadico.watch.assistant.tools import REHEARSE, TOOLS
 from tests.watch.policy.house import NOON
 from tests.watch.policy.test_approvals import Desk
 from tests.watch.test_assistant import STOPPED, Counter
@@ -83,8 +82,7 @@ class Watched(Desk):
         """The planner answers."""
         assert isinstance(self.queries[-1].request, PlanRequest)
         plan = Plan(tuple(Waypoint(x, y, 0.0) for x, y in path))
-        self.agent.kernel.on_reply(self.queries[-1].id, plan, self.now)
-        self.collect()
+        self.hear(plan)
 
     def ask_with_plan(self, *path: tuple[float, float]) -> AssistantReply:
         x, y = path[-1]
@@ -102,10 +100,7 @@ class Watched(Desk):
 def test_a_goal_is_passed_on_with_the_terms_of_its_client(tmp_path: Path) -> None:
     watched = Watched(tmp_path)
     watched.request("goto", x=4, y=1.5)
-    assert isinstance(watched.queries[-1].request, PlanRequest)
-    plan = Plan((Waypoint(4.0, 1.5, 0.0),))
-    watched.agent.kernel.on_reply(watched.queries[-1].id, plan, watched.now)
-    watched.collect()
+    watched.plan((4.0, 1.5))
     request = watched.queries[-1].request
     assert isinstance(request, MissionRequest)
     assert request.terms == TERMS
@@ -149,12 +144,7 @@ def test_a_goal_is_refused_if_the_robot_stays_unknown(tmp_path: Path) -> None:
 
 def test_a_path_that_leaves_the_area_is_refused_before_the_robot_moves(tmp_path: Path) -> None:
     watched = Watched(tmp_path)
-    watched.request("goto", x=4, y=1.5)
-    plan = Plan((Waypoint(3.0, 4.0, 0.0), Waypoint(4.0, 1.5, 0.0)))
-    watched.agent.kernel.on_reply(watched.queries[-1].id, plan, watched.now)
-    watched.collect()
-    refusal = watched.replies[watched.number].refusal
-    assert "the path" in refusal
+    assert "the path" in watched.ask_with_plan((3.0, 4.0), (4.0, 1.5)).refusal
     assert len(watched.queries) == 1, "nobody was asked to drive"
 
 
@@ -267,8 +257,7 @@ def test_if_nobody_cancels_the_robot_is_stopped(tmp_path: Path) -> None:
     for _ in range(3):
         watched.at(3.0, 3.2)
         assert not watched.stops
-        watched.agent.kernel.on_reply(watched.queries[-1].id, None, watched.now)
-        watched.collect()
+        watched.hear(None)
     assert len(watched.cancels) == 3
     (stop,) = watched.stops
     assert "nobody cancels" in stop.by
@@ -280,7 +269,7 @@ def test_one_cancellation_at_a_time(tmp_path: Path) -> None:
     for _ in range(5):
         watched.at(3.0, 3.2)
     assert len(watched.cancels) == 1
-    watched.agent.kernel.on_reply(watched.queries[-1].id, MissionReply(77), watched.now)
+    watched.hear(MissionReply(77))
     watched.drives()
     watched.at(3.0, 3.2)
     assert len(watched.cancels) == 1
@@ -294,8 +283,7 @@ def test_a_new_way_through_a_room_that_nobody_approved_ends_the_mission(tmp_path
     watched.plan((4.8, 4.9), (6.9, 2.0))
     watched.drives((4.8, 4.9), (6.9, 2.0))
     assert not watched.cancels, "before the reply"
-    watched.agent.kernel.on_reply(watched.queries[-1].id, MissionReply(77), watched.now)
-    watched.collect()
+    watched.hear(MissionReply(77))
     assert watched.poll(waits.approval).mission == 77
     watched.drives((4.8, 4.9), (6.9, 2.0))
     assert not watched.cancels
@@ -314,11 +302,7 @@ def test_a_way_straight_through_a_room_waits_for_approval(tmp_path: Path) -> Non
 
 
 def cancel(watched: Watched, by: str = "model") -> AssistantReply | None:
-    watched.number += 1
-    request = AssistantRequest("cancel", "{}", by)
-    watched.agent.kernel.on_query(request, Question(watched.number), watched.now)
-    watched.collect()
-    return watched.replies.get(watched.number)
+    return watched.put(AssistantRequest("cancel", "{}", by))
 
 
 def test_a_goal_whose_path_is_planned_for_the_policy_is_taken_back_by_its_client_alone(
@@ -333,17 +317,15 @@ def test_a_goal_whose_path_is_planned_for_the_policy_is_taken_back_by_its_client
     assert (cancel(watched) or AssistantReply()).text
     assert watched.replies[goto].refusal == TAKEN_BACK
     path = (Waypoint(1.0, 1.5, 0.0), Waypoint(4.0, 1.5, 0.0))
-    watched.agent.kernel.on_reply(query.id, Plan(path), watched.now)
-    watched.collect()
+    watched.hear(Plan(path), query.id)
     assert watched.queries[-1] is query, "nothing is passed on"
     watched.request("goto", x=3.0, y=1.5)
     assert watched.queries[-1] is not query, "the next one is planned"
 
 
 def test_a_rehearsal_keeps_no_order_waiting_and_is_none_that_can_be_cancelled(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
-    monkeypatch.setitem(TOOLS, "rehearse", REHEARSE)
     watched = Watched(tmp_path)
     path = Plan((Waypoint(1.0, 1.5, 0.0), Waypoint(4.0, 1.5, 0.0)))
 
@@ -358,19 +340,14 @@ def test_a_rehearsal_keeps_no_order_waiting_and_is_none_that_can_be_cancelled(
     watched.request("goto", x=4.0, y=1.5)
     watched.plan((4.0, 1.5))
     assert isinstance(watched.queries[-1].request, MissionRequest), "it goes on meanwhile"
-    watched.agent.kernel.on_reply(query, path, watched.now)
-    watched.collect()
+    watched.hear(path, query)
     assert watched.replies[number] == AssistantReply()
     number, query = rehearse()  # while a mission agent has the order
-    watched.agent.kernel.on_reply(query, path, watched.now)
-    watched.collect()
+    watched.hear(path, query)
     assert watched.replies[number] == AssistantReply()
 
 
-def test_a_rehearsal_at_the_start_keeps_no_order_waiting(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(TOOLS, "rehearse", REHEARSE)
+def test_a_rehearsal_at_the_start_keeps_no_order_waiting(tmp_path: Path) -> None:
     desk = Desk(tmp_path, POLICY)
     assert desk.request("rehearse", x=4, y=1.5) is None
     assert desk.request("goto", x=4, y=1.5) is None, "no refusal"
@@ -395,8 +372,7 @@ def test_nobody_is_asked_for_a_goal_that_cannot_be_reached(tmp_path: Path) -> No
     watched = Watched(tmp_path, APPROVED)
     watched.request("goto", x=-5, y=1.5)
     why = "the goal is outside of the map"
-    watched.agent.kernel.on_reply(watched.queries[-1].id, Plan((), refusal=why), watched.now)
-    watched.collect()
+    watched.hear(Plan((), refusal=why))
     assert watched.replies[watched.number].refusal == why
     assert watched.ask_with_plan((4.0, 1.5)).approval
     code = watched.code()
@@ -407,6 +383,5 @@ def test_nobody_is_asked_for_a_goal_that_cannot_be_reached(tmp_path: Path) -> No
 def test_a_society_without_a_planner_asks_a_person(tmp_path: Path) -> None:
     watched = Watched(tmp_path, APPROVED)
     watched.request("goto", x=4, y=1.5)
-    watched.agent.kernel.on_reply(watched.queries[-1].id, None, watched.now)
-    watched.collect()
+    watched.hear(None)
     assert watched.replies[watched.number].approval

@@ -193,10 +193,6 @@ class Rules:
         return tool in (self.section.approval or ())
 
 
-NO_RULES: Final = Rules("none", Section())
-"""Without a policy: what the assistant agent refuses by itself is all."""
-
-
 class Policy:
     """The rules of all clients."""
 
@@ -221,7 +217,8 @@ class Policy:
         return [self.default, *self.clients.values()]
 
 
-NO_POLICY: Final = Policy(NO_RULES, {})
+NO_POLICY: Final = Policy(Rules("none", Section()), {})
+"""Without a policy: what the assistant agent refuses by itself is all."""
 
 
 def load(path: Path | str, world: World | None = None) -> Policy:

@@ -9,6 +9,7 @@ from typing import Final
 
 from armadico.core.messages import Description, RobotState
 from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.geometry import to_world
 from armadico.mobile.messages import NO_POSE, Pose
 from armadico.mobile.obstacles import Obstacles
 from armadico.watch.assistant.policy.area import Place
@@ -127,10 +128,7 @@ class Scene:
             return ""
         if obstacles is None:
             return NO_OBSTACLES
-        c, s = cos(pose.theta), sin(pose.theta)
-        points = [
-            (pose.x + c * p.x - s * p.y, pose.y + s * p.x + c * p.y) for p in obstacles.points
-        ]
+        points = [to_world((pose.x, pose.y, pose.theta), p.x, p.y) for p in obstacles.points]
         radius = hypot(max(body.front, body.rear), body.half_width)
         here = self.here if drives else None
         return rules.too_near(path, rules.strangers(points), radius, here)
