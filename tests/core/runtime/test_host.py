@@ -153,6 +153,21 @@ def test_each_has_a_token_a_card_and_bids_of_its_own() -> None:
             assert reply.instance == agent.instance
 
 
+def test_an_agent_that_fails_ends_the_process_and_the_others_release() -> None:
+    class Failing(Watcher):
+        def on_pose(self, pose: Pose) -> None:
+            raise RuntimeError("cannot bear it")
+
+    hand = Hand(identity("hand"))
+    left: list[str] = []
+    hand.kernel.leave = lambda now: left.append("hand")  # type: ignore[method-assign]
+    host, mesh = on_a_fake(Poser(identity("poser")), Failing(identity("watcher")), hand)
+    with pytest.raises(RuntimeError, match="cannot bear it"):
+        play(host, lambda: mesh.receive("robot/state", state(1)))
+    host.leave()
+    assert left == ["hand"]
+
+
 def test_an_agent_that_may_not_join_ends_the_process_with_the_reason() -> None:
     class Only(Agent):
         name = "only"
