@@ -135,12 +135,6 @@ def test_each_time_a_new_moment_is_drawn() -> None:
     assert due > stage.now
 
 
-def test_a_contender_without_a_bid_needs_no_wakeup() -> None:
-    stage = contending()
-    stage.contender.bid(stage.at, None, stage.now)
-    assert stage.contender.wakeup is None
-
-
 def test_what_was_bid_before_there_was_nothing_to_bid_is_forgotten() -> None:
     stage = Solo()
     stage.cycle(5)
@@ -240,15 +234,6 @@ def test_without_a_larger_term_no_ballot_is_cast() -> None:
     assert not stage.contender.holding
 
 
-def test_the_measured_action_is_neutral_until_the_first_ack() -> None:
-    contender = Solo().contender
-    assert contender.measured == WHEELS.neutral
-    contender.acked(Ack("wheels", Cycle(1, 1)), 0.1)
-    assert contender.measured == WHEELS.neutral
-    contender.acked(Ack("wheels", Cycle(1, 2), measured=(0.4, 0.1)), 0.2)
-    assert contender.measured == (0.4, 0.1)
-
-
 # Terms out of all proportion ----------------------------------------------------------------------
 
 
@@ -312,24 +297,6 @@ def test_after_a_release_a_late_claim_of_the_tenure_counts_for_nothing() -> None
     stage.receive("a-1", 5, None)
     stage.receive("a-1", 5, 0.6)
     assert len(stage.tick()) == 1
-
-
-def test_a_killed_holder_is_known_by_what_its_instance_is_called() -> None:
-    stage = contending()
-    stage.contender.gone("".join(["a", "-1"]), stage.now)
-    assert len(stage.tick()) == 1
-
-
-def test_a_token_that_goes_when_the_silence_is_over_is_no_news() -> None:
-    stage, ballot = contending(), Ballot(3, 0.6, False, "a-1")
-    due = stage.contender.wakeup
-    assert due is not None
-    stage.cycle(7, largest=ballot, obeyed=ballot, obeyed_cycle=Cycle(1, 7), utility=0.6)
-    stage.bid(0.3)
-    stage.now = due
-    stage.contender.gone("a-1", stage.now)
-    assert stage.tick() == []
-    assert not stage.contender.holding
 
 
 def test_a_holder_that_claims_again_is_not_gone() -> None:
@@ -397,14 +364,6 @@ def test_a_token_that_goes_after_the_silence_is_no_news() -> None:
         stage.bid(0.3)
     stage.contender.gone("a-1", stage.now)
     assert stage.tick() == [], "the owner obeys it all the same"
-
-
-def test_an_ack_of_the_own_tenure_is_no_rival() -> None:
-    stage = holding()
-    mine = own(stage)
-    stage.cycle(5, largest=mine, obeyed=mine, obeyed_cycle=Cycle(1, 4))
-    assert stage.contender.rival is None
-    assert stage.contender.holding
 
 
 # Holding ------------------------------------------------------------------------------------------
@@ -570,12 +529,6 @@ def careful() -> Solo:
     assert first.action == (0.1, 0.0)
     stage.cycle(6)
     return stage
-
-
-def test_a_careful_holder_does_not_accelerate_again() -> None:
-    stage = careful()
-    (held,) = stage.bid(0.7, action=(0.2, 0.0), inputs=stage.numbered(5))
-    assert held.action == (0.1, 0.0)
 
 
 @pytest.mark.parametrize(
