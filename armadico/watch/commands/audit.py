@@ -383,7 +383,6 @@ def _live(args: Options, audit: _Audit) -> None:
 
         def __init__(self) -> None:
             self.view = View()
-            self.ahead = self.view.ahead
 
         def token(self, instance: str, *, there: bool, t: float) -> None:
             self.view.token(instance, there=there, t=t)
