@@ -113,6 +113,10 @@ def test_a_small_difference_is_exchanged_at_once_a_big_one_over_ten_cycles() -> 
     assert SMOOTH.begin(UNIT, LOSER, 0.5, Bid(1.0, LOSER), PERIOD) is AT_ONCE
 
 
+def test_no_window_is_longer_than_ten_cycles() -> None:
+    assert window(Bid(1.0, (-90.0, 0.0))) == LONGEST == 10.0
+
+
 def test_the_largest_scaled_difference_decides() -> None:
     by_w = SMOOTH.begin(UNIT, (0.5, 0.0), 0.5, Bid(1.0, (0.5, 0.8)), PERIOD)
     assert isinstance(by_w, Blend)

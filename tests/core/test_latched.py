@@ -154,6 +154,11 @@ def test_a_jump_is_the_largest_step_that_is_believed() -> None:
     assert memory.refused == 0
 
 
+def test_a_late_copy_of_a_stop_released_here_is_recognized(memory: Memory) -> None:
+    memory.note(Stop(7, False, "a", 1))
+    assert not memory.update(Stop(6, True, "a", 1), 1.0)
+
+
 @given(st.integers(0, 5), st.integers(PRESSES + 1, 3 * PRESSES))
 def test_however_many_stops_there_were_the_last_release_stands(counter: int, presses: int) -> None:
     memory = Memory(random.Random(1))

@@ -299,6 +299,18 @@ def test_after_a_release_a_late_claim_of_the_tenure_counts_for_nothing() -> None
     assert len(stage.tick()) == 1
 
 
+def test_a_token_that_goes_when_the_silence_is_over_is_no_news() -> None:
+    stage, ballot = contending(), Ballot(3, 0.6, False, "a-1")
+    due = stage.contender.wakeup
+    assert due is not None
+    stage.cycle(7, largest=ballot, obeyed=ballot, obeyed_cycle=Cycle(1, 7), utility=0.6)
+    stage.bid(0.3)
+    stage.now = due
+    stage.contender.gone("a-1", stage.now)
+    assert stage.tick() == []
+    assert not stage.contender.holding
+
+
 def test_a_holder_that_claims_again_is_not_gone() -> None:
     stage = contending()
     stage.contender.gone("a-1", stage.now)
@@ -356,14 +368,12 @@ def test_a_holder_with_a_known_larger_successor_is_not_compared_with() -> None:
     assert stage.contender.rival is None
 
 
-def test_a_token_that_goes_after_the_silence_is_no_news() -> None:
-    stage = contending()
-    ballot = Ballot(3, 0.6, False, "a-1")
-    for number in (6, 7, 8):
-        stage.cycle(number, largest=ballot, obeyed=ballot, obeyed_cycle=Cycle(1, number))
-        stage.bid(0.3)
-    stage.contender.gone("a-1", stage.now)
-    assert stage.tick() == [], "the owner obeys it all the same"
+def test_an_ack_of_the_own_tenure_is_no_rival() -> None:
+    stage = holding()
+    mine = own(stage)
+    stage.cycle(5, largest=mine, obeyed=mine, obeyed_cycle=Cycle(1, 4))
+    assert stage.contender.rival is None
+    assert stage.contender.holding
 
 
 # Holding ------------------------------------------------------------------------------------------
