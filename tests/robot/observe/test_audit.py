@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from math import cos, inf, pi, sin
 
 import numpy as np
@@ -263,6 +264,7 @@ def test_a_stop_ends_by_a_release() -> None:
     assert verdicts[Promise.STOP].answer is Answer.YES
 
 
+@cache
 def whole() -> Drive:
     """A drive that gives most rules an occasion, and breaks none of their promises."""
 
@@ -303,11 +305,16 @@ def judged(said: list[tuple[float, Message]], like: Auditor) -> dict[type[Rule],
     return dict(zip(RULES, auditor.report(), strict=True))
 
 
+@cache
+def judged_whole() -> dict[type[Rule], Finding]:
+    return judged(whole().said, whole().auditor)
+
+
 def judged_of_a_part(
-    said: list[tuple[float, Message]], drive: Drive
+    said: list[tuple[float, Message]],
 ) -> tuple[dict[type[Rule], Finding], dict[type[Rule], Finding]]:
-    """What a drive and a part of its messages show; by the part no more is kept or broken."""
-    full, found = judged(drive.said, drive.auditor), judged(said, drive.auditor)
+    """What that drive and a part of its messages show; by the part no more is kept or broken."""
+    full, found = judged_whole(), judged(said, whole().auditor)
     for rule, each in found.items():
         assert each.answer in (Answer.UNKNOWN, full[rule].answer), (rule, each)
     return full, found
@@ -326,7 +333,7 @@ def test_without_a_kind_of_message_no_more_is_kept_or_broken_and_what_is_unknown
 ) -> None:
     drive = whole()
     said = [each for each in drive.said if each[0] < until_s or not isinstance(each[1], kind)]
-    full, found = judged_of_a_part(said, drive)
+    full, found = judged_of_a_part(said)
     assert Answer.NO not in {each.answer for each in full.values()}, full
     for rule, each in found.items():
         if each.answer is not full[rule].answer:
@@ -357,7 +364,7 @@ def test_what_needs_a_kind_of_message_is_not_kept_over_a_gap_in_it(
         max(at for at, each in said if isinstance(each, kind) and at <= begins_s),
         min(at for at, each in said if isinstance(each, kind) and at >= until_s),
     )
-    _, found = judged_of_a_part(said, drive)
+    _, found = judged_of_a_part(said)
     needs = [rule for rule in RULES if kind in (*rule.needs, *rule.sees)]
     assert needs
     for rule in needs:
