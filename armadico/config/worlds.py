@@ -197,6 +197,11 @@ def digest(world: World) -> str:
     return f"{crc32(decompress(grid.packed), found) if grid else found:08x}"
 
 
+def is_map(world: World, named: str) -> bool:
+    """Whether a digest, as on an agent's card, is that of a map; also if it is "", none."""
+    return named in ("", digest(world))
+
+
 def _in_thousandths(value: object) -> object:
     """Numbers within lists and tuples as whole thousandths."""
     if isinstance(value, list | tuple):

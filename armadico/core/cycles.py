@@ -37,13 +37,14 @@ class CycleClock:
     smaller numbers that go on steadily.
     """
 
-    def __init__(self, period: float = PERIOD, fresh_cycles: int = 3) -> None:
+    fresh_cycles: Final = 3
+
+    def __init__(self, period: float = PERIOD) -> None:
         self.newest: Cycle | None = None  # the newest cycle; None before the first
         self.first: Cycle | None = None  # the first received cycle of this epoch
         self.resumed: Cycle | None = None  # the first cycle after missed ones, or of this epoch
         self.received_at = -1e9
         self.period = period  # duration of a cycle, s
-        self.fresh_cycles = fresh_cycles
         self.strays = 0  # number of messages that were rejected, or accepted and found false later
         self.stray = ""  # the epoch of the last of them and the reason; for people
         # How often it returned to smaller numbers; messages of larger ones are void.

@@ -161,112 +161,80 @@ def _spoken(
     )
 
 
+def _each(
+    message: type[m.Message],
+    key: str,
+    meaning: str,
+    rate_hz: float | None = None,
+    *,
+    sender: str = "",
+    people: bool = False,
+    watchers_only: bool = False,
+) -> Service:
+    """Return a row of events, on a key of each publisher in all protocols."""
+    fresh = None if rate_hz is None else 3
+    key = f"{key}/{{instance}}"
+    return Service(
+        *(message, key, _E, rate_hz, fresh, meaning),
+        sender=sender,
+        people=people,
+        watchers_only=watchers_only,
+    )
+
+
+def _asked(message: type[m.Message], key: str, meaning: str, reply: type[m.Message]) -> Service:
+    """Return a row of a query."""
+    return Service(message, key, _Q, None, None, meaning, reply)
+
+
 _rows: list[Service] = [
     Service(m.RobotState, "robot/state", _S, 10, 3, "odometry, speeds, battery; moves the cycle"),
     Service(m.Description, "robot/description", _S, 1, None, "the robot's body and limits"),
-    Service(
-        m.Stop,
-        "robot/release/{instance}",
-        _E,
-        None,
-        None,
-        "release the stop, if its press is this one",
-        people=True,
-    ),
+    _each(m.Stop, "robot/release", "release the stop, if its press is this one", people=True),
     _spoken(m.Stop, "robot/stop", _L, "stop the robot; any process may", guests=True),
     _spoken(
         m.Claim, "resource/{resource}/utility", _E, "the holder's bid", 10, 3, "ballot.instance"
     ),
     Service(m.Ack, "resource/{resource}/ack", _S, 10, 3, "the obeyed and the largest ballot"),
-    Service(
-        m.Command,
-        "resource/{resource}/cmd/{instance}",
-        _E,
-        10,
-        3,
-        "the holder's action",
-        sender="ballot.instance",
+    _each(
+        *(m.Command, "resource/{resource}/cmd", "the holder's action", 10), sender="ballot.instance"
     ),
-    Service(
-        m.Command,
-        "robot/cmd/{instance}",
-        _E,
-        10,
-        3,
-        "the same, for the wheels",
-        sender="ballot.instance",
-    ),
-    Service(
-        m.Proposal,
-        "resource/{resource}/proposal/{instance}",
-        _E,
-        10,
-        3,
-        "a bid that is made to an arbiter",
+    _each(m.Command, "robot/cmd", "the same, for the wheels", 10, sender="ballot.instance"),
+    _each(
+        *(m.Proposal, "resource/{resource}/proposal", "a bid that is made to an arbiter", 10),
         sender="instance",
     ),
-    Service(
-        m.Award,
-        "resource/{resource}/award/{instance}",
-        _E,
-        10,
-        3,
-        "an arbiter's decision",
-        sender="instance",
-    ),
-    Service(m.Ask, "agent/{name}/{instance}/card", _Q, None, None, "identity, offers", m.Card),
-    Service(m.Ask, "agent/{name}/{instance}/bids", _Q, None, None, "recent bids", m.BidHistory),
-    Service(
-        m.ParametersRequest,
-        "agent/{name}/{instance}/parameters",
-        _Q,
-        None,
-        None,
+    _each(m.Award, "resource/{resource}/award", "an arbiter's decision", 10, sender="instance"),
+    _asked(m.Ask, "agent/{name}/{instance}/card", "identity, offers", m.Card),
+    _asked(m.Ask, "agent/{name}/{instance}/bids", "recent bids", m.BidHistory),
+    _asked(
+        *(m.ParametersRequest, "agent/{name}/{instance}/parameters"),
         "the parameters that may be changed live; change them",
-        reply=m.ParametersReply,
+        m.ParametersReply,
     ),
-    Service(
-        m.Ask,
-        "agent/{name}/{instance}/settings",
-        _Q,
-        None,
-        None,
+    _asked(
+        *(m.Ask, "agent/{name}/{instance}/settings"),
         "the same, for programs that may not change them",
         m.ParametersReply,
     ),
     Service(m.ParameterChange, "agent/{name}/{instance}/changed", _E, None, None, "a changed one"),
     _spoken(m.Tuning, "tuning", _L, "an agent's parameters that were changed live"),
-    Service(
-        m.Repeat, "repeat/{instance}", _E, None, None, "a latched state of an agent that is gone"
-    ),
+    _each(m.Repeat, "repeat", "a latched state of an agent that is gone"),
     Service(m.Void, "keys/void", _E, 2, None, "the keys that were revoked", watchers_only=True),
     Service(
-        m.MonitorReport,
-        "monitor/{instance}",
-        _S,
-        1,
-        None,
+        *(m.MonitorReport, "monitor/{instance}", _S, 1, None),
         "missing agents; which monitor acts",
         sender="instance",
     ),
-    Service(m.Log, "log/{instance}", _E, None, None, "log lines for people"),
-    Service(
-        m.JournalPiece,
-        "journal/{instance}",
-        _E,
-        None,
-        None,
-        "an agent's inputs and outputs, if it keeps a journal",
+    _each(m.Log, "log", "log lines for people"),
+    _each(
+        *(m.JournalPiece, "journal", "an agent's inputs and outputs, if it keeps a journal"),
         watchers_only=True,
     ),
-    Service(
-        m.JournalRequest,
-        "journal/{instance}/piece",
-        _Q,
-        None,
-        None,
+    _asked(
+        *(m.JournalRequest, "journal/{instance}/piece"),
         "a piece of it, while the agent keeps it",
-        reply=m.JournalPiece,
+        m.JournalPiece,
     ),
 ]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Final
 
-from armadico.config.worlds import EMPTY, digest, load_world
+from armadico.config.worlds import EMPTY, is_map, load_world
 from armadico.core.hands import release
 from armadico.core.messages import RobotState
 from armadico.launch.processes import undisturbed
@@ -120,8 +120,8 @@ class AttachedRun(LiveRun):
                 f" {mine!r}; drive a scenario of {others[0]!r}, or end the society"
                 f" (`armadico down`) and start it again (`armadico up {self.scenario.name}`)"
             )
-        has = {"", digest(load_world(self.scenario.world))}
-        other = sorted(card.name for card in cards if card.world == mine and card.map not in has)
+        world = load_world(self.scenario.world)
+        other = sorted(c.name for c in cards if c.world == mine and not is_map(world, c.map))
         if other:
             raise RunFailedError(
                 f"{', '.join(other)} of the society has another map {mine!r} than"

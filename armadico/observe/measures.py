@@ -590,9 +590,8 @@ class RunWatch:
             return
         for echo in sonar.echoes:
             if echo.range is not None:
-                at = (here[0], here[1], here[2])
                 x, y = to_world((echo.x, echo.y, echo.bearing), echo.range, 0.0)
-                self.echoes.append(to_world(at, x, y))
+                self.echoes.append(to_world(here, x, y))
 
     def _on_scan(self, scan: Scan) -> None:
         here = self.here
@@ -602,7 +601,7 @@ class RunWatch:
 
         with suppress(ValueError):
             points = points_of(scan)[:: max(1, scan.rays // SHOWN_RAYS)].tolist()
-            self.echoes += [to_world((here[0], here[1], here[2]), x, y) for x, y in points]
+            self.echoes += [to_world(here, x, y) for x, y in points]
 
     def _on_mission_status(self, status: MissionStatus) -> None:
         if status.mission == self.mission:

@@ -66,16 +66,20 @@ def translators(
     namespaces: Sequence[str], worlds: Mapping[str, World | None] | None = None
 ) -> dict[str, list[Translator]]:
     """All installed translators, by namespace; topics of a single robot have no prefix."""
-    makers: list[Makes] = [make for _, make in loaded(TRANSLATORS)]
-    return {
-        ns: [make("" if len(namespaces) == 1 else ns, (worlds or {}).get(ns)) for make in makers]
-        for ns in namespaces
-    }
+    return _made([make for _, make in loaded(TRANSLATORS)], namespaces, worlds or {})
 
 
 def translator(
     name: str, namespaces: Sequence[str], world: World | None = None
 ) -> dict[str, list[Translator]]:
     """The translator of a name, by namespace. Raises UnknownNameError and ImportError."""
-    make: Makes = find(TRANSLATORS, name).load()
-    return {ns: [make("" if len(namespaces) == 1 else ns, world)] for ns in namespaces}
+    return _made([find(TRANSLATORS, name).load()], namespaces, dict.fromkeys(namespaces, world))
+
+
+def _made(
+    makers: Sequence[Makes], namespaces: Sequence[str], worlds: Mapping[str, World | None]
+) -> dict[str, list[Translator]]:
+    single = len(namespaces) == 1
+    return {
+        ns: [make("" if single else ns, worlds.get(ns)) for make in makers] for ns in namespaces
+    }

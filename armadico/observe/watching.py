@@ -176,9 +176,6 @@ class Account(Protocol):
     @property
     def view(self) -> View: ...
 
-    @property
-    def ahead(self) -> dict[str, float]: ...
-
     def token(self, instance: str, *, there: bool, t: float) -> None: ...
 
     def update(self, key: str, message: Message | None, t: float) -> None: ...
@@ -198,7 +195,8 @@ def show(to: View | Account, item: Received | Presence) -> None:
     elif message is not None:
         to.learn(message, t)
         if isinstance(message, Card) and message.clock:
-            to.ahead[message.instance] = message.clock - t
+            view = to if isinstance(to, View) else to.view
+            view.ahead[message.instance] = message.clock - t
 
 
 class Observer:

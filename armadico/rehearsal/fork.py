@@ -16,7 +16,7 @@ from armadico.config.moving import Moving
 from armadico.config.profile import Body, RobotProfile, load_profile
 from armadico.config.scenarios import Battery, Scenario, society
 from armadico.config.slots import slot
-from armadico.config.worlds import Segment, World, digest, distance, load_world
+from armadico.config.worlds import Segment, World, distance, is_map, load_world
 from armadico.core.config_errors import ConfigError, ConfigNameError
 from armadico.core.discovery import agent_class, owners
 from armadico.core.judgement import Answer, Judgement, unknown
@@ -267,7 +267,7 @@ def _world(now: Present, given: str | None) -> tuple[str, World] | Judgement:
         return unknown(
             f"the map {named!r} is not on this computer: {error}", "give it: --world MAP"
         )
-    if {*now.maps} - {digest(found)}:
+    if not all(is_map(found, each) for each in now.maps):
         return unknown(f"the agents have another map than {named!r}", "give theirs: --world MAP")
     return named, found
 

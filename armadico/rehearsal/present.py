@@ -146,8 +146,8 @@ class Account:
         shares: By launcher, its newest report of the agents that it keeps up, and the time.
     """
 
-    def __init__(self, view: View | None = None) -> None:
-        self.view = View() if view is None else view
+    def __init__(self) -> None:
+        self.view = View()
         self.local: tuple[LocalMap, Pose, float] | None = None
         self.obstacles: dict[str, deque[tuple[Obstacles, Pose, float]]] = {}
         self.others: dict[str, tuple[FleetPose, float]] = {}
@@ -159,11 +159,6 @@ class Account:
         self.parameters: dict[str, ParametersReply] = {}
         self.tuned: dict[str, dict[str, str]] = {}
         self.shares: dict[str, tuple[HostShare, float]] = {}
-
-    @property
-    def ahead(self) -> dict[str, float]:
-        """The clocks of the agents' machines, as in `View.ahead`."""
-        return self.view.ahead
 
     def token(self, instance: str, *, there: bool, t: float) -> None:
         self.view.token(instance, there=there, t=t)
@@ -213,7 +208,6 @@ class AgentNow(Struct, frozen=True):
     """One kind of agent of the society."""
 
     name: str  # its name
-    version: str = ""  # that of its Armadico, as on its card
     instances: int = 1  # how many are alive
     # Its parameters that differ from the defaults, KEY=VALUE; None: not known.
     sets: tuple[str, ...] | None = None
@@ -276,11 +270,11 @@ def present(account: Account, now: float) -> Present:
     agents = tuple(_agents(account, notes))
     world = _launched(agents, "world")
     if {"monitor", "wakeup"} & view.names:
-        notes.without("monitor and wakeup: a rehearsal restarts no agent")
+        notes.unforked.append("monitor and wakeup: a rehearsal restarts no agent")
     _note_surroundings(account, now, notes)
     _note_faults(account, now, notes)
     if account.grid is None and view.trajectory is not None and view.trajectory.revision:
-        notes.lacking("the map that is made meanwhile, which nobody served")
+        notes.lacks.append("the map that is made meanwhile, which nobody served")
     return Present(
         robot="" if view.description is None else view.description.robot,
         profile=_launched(agents, "profile"),
@@ -345,12 +339,6 @@ class Notes:
 
     lacks: list[str] = field(default_factory=list)
     unforked: list[str] = field(default_factory=list)
-
-    def lacking(self, what: str) -> None:
-        self.lacks.append(what)
-
-    def without(self, what: str) -> None:
-        self.unforked.append(what)
 
 
 def _ready(view: View, now: float) -> Judgement:
@@ -419,14 +407,12 @@ def _agents(account: Account, notes: Notes) -> Iterator[AgentNow]:
         if name in APART:
             continue
         if name not in known:
-            notes.lacking(f"{name}: it is not installed here")
+            notes.lacks.append(f"{name}: it is not installed here")
         elif sets is None:
-            notes.lacking(f"the parameters of {name}: it did not tell them")
+            notes.lacks.append(f"the parameters of {name}: it did not tell them")
         elif card is not None and card.version not in (here, VIRTUAL, ""):
-            notes.lacking(f"how {name} {card.version} behaves: here it is {here}")
-        yield AgentNow(
-            name, "" if card is None else card.version, counts[name], sets, name in known, drives
-        )
+            notes.lacks.append(f"how {name} {card.version} behaves: here it is {here}")
+        yield AgentNow(name, counts[name], sets, name in known, drives)
 
 
 def absent(account: Account, now: float) -> tuple[str, ...]:
@@ -487,23 +473,25 @@ def _note_faults(account: Account, now: float, notes: Notes) -> None:
     for found in diagnose(view, now=now):
         if found.sort is Sort.SLOW and found.answer is Answer.UNKNOWN:
             # A live society is observed for long enough; a recording may begin just before.
-            notes.without(f"whether agents are too slow: {found.what.rstrip('.')}")
+            notes.unforked.append(f"whether agents are too slow: {found.what.rstrip('.')}")
         elif found.sort in FAULTS and found.answer is not Answer.YES:
-            notes.lacking(f"what this changes: {found.what.rstrip('.')}")
+            notes.lacks.append(f"what this changes: {found.what.rstrip('.')}")
     if not any(report.instance in view.alive for report in view.reports.values()):
-        notes.without("faults of sensors, wheels and agents: no monitor reports them")
+        notes.unforked.append("faults of sensors, wheels and agents: no monitor reports them")
     for name, _, card in view.agents:
         if card is not None and WHEELS.name in card.owns and card.version != VIRTUAL:
-            notes.without("delays of the robot's line and of the network, which nobody measures")
+            notes.unforked.append(
+                "delays of the robot's line and of the network, which nobody measures"
+            )
         if card is not None and card.learnt:  # localization in a sample begins to learn again
-            notes.without(f"what {name} has learnt: {card.learnt}")
+            notes.unforked.append(f"what {name} has learnt: {card.learnt}")
     if account.elsewhere:
-        notes.lacking("where the robot is: its readings fit another place, too")
+        notes.lacks.append("where the robot is: its readings fit another place, too")
     if account.off_map:
-        notes.lacking("what is around the robot: the map does not show this place")
+        notes.lacks.append("what is around the robot: the map does not show this place")
     state = view.state
     if state is not None and state.stalled:
-        notes.lacking("what blocks the robot: it is stalled")
+        notes.lacks.append("what blocks the robot: it is stalled")
 
 
 # Surroundings -------------------------------------------------------------------------------------
@@ -530,12 +518,12 @@ def _note_surroundings(account: Account, now: float, notes: Notes) -> None:
     for sensor in unheard(account, now):
         known = account.obstacles.get(sensor)
         since = f" for {now - known[-1][2]:.1f} s" if known else ""
-        notes.lacking(f"what stands around the robot: no obstacles by {sensor}{since}")
+        notes.lacks.append(f"what stands around the robot: no obstacles by {sensor}{since}")
     if account.view.level is None and provides(account.view, BatteryLevel):
-        notes.lacking("the battery's charge: no battery/level")
+        notes.lacks.append("the battery's charge: no battery/level")
     for other in _others(account, now):
         if other.age_s > STALE_S:
-            notes.without(
+            notes.unforked.append(
                 f"where {other.name} is now: it stands where it was seen {other.age_s:.0f} s ago"
             )
 

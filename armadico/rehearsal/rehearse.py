@@ -98,29 +98,26 @@ def _complete(account: Account, now: float) -> bool:
 
 def drive(
     of: Fork | Judgement,
-    samples: int = SAMPLES,
-    within_s: float = WITHIN_S,
+    samples: int,
+    within_s: float,
     *,
     seed: int = 0,
-    crew: Crew | None = None,
+    crew: Crew,
     done: Done = lambda _: None,
-    began: float | None = None,
+    began: float,
 ) -> Rehearsed:
     """Drive samples of a fork and return the answer; with a judgement nothing is driven.
 
-    The answer comes within `within_s`, counted from `began` (by `time.monotonic`; by default now);
-    samples that have not ended by then are unknown. The first one has `seed`, the others what
-    follows. Without a `crew` workers are started and ended here. `done` is called after each
-    sample.
+    The answer comes within `within_s`, counted from `began` (by `time.monotonic`); samples that
+    have not ended by then are unknown. The first one has `seed`, the others what follows. `done` is
+    called after each sample.
     """
-    began = time.monotonic() if began is None else began
     if isinstance(of, Judgement):
         return without_samples(of, time.monotonic() - began)
     until = began + within_s
-    with _working(crew) as working:
-        working.until = until + GRACE_S
-        working.prepare(_warm, of)
-        runs = driven(of, range(seed, seed + samples), working.results, until, done)
+    crew.until = until + GRACE_S
+    crew.prepare(_warm, of)
+    runs = driven(of, range(seed, seed + samples), crew.results, until, done)
     return answer(
         runs,
         lacks=of.lacks,
@@ -186,16 +183,6 @@ def made_map(now: Present) -> Iterator[str | None]:
         path = Path(folder, "made.yaml")
         save(cells_of(now.grid), path)
         yield str(path)
-
-
-@contextmanager
-def _working(crew: Crew | None) -> Iterator[Crew]:
-    """The crew, or one that ends with the block."""
-    if crew is not None:
-        yield crew
-        return
-    with Crew() as own:
-        yield own
 
 
 def _warm(of: Fork) -> None:

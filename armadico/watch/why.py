@@ -230,11 +230,6 @@ class Chronicle:
                 if bid not in kept:
                     kept.append(bid)
 
-    @property
-    def ahead(self) -> dict[str, float]:
-        """As of the view."""
-        return self.view.ahead
-
     def mark(self, t: float) -> None:
         """Explain the present moment once its bids are known; the result is added to `moments`."""
         self.now = t

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import copysign
 from typing import Any
@@ -33,58 +34,34 @@ class Double(Sound):
         return 1.0
 
 
-class Strong(Sound):
-    """Commands twice what is wanted."""
+class Wishes(Sound):
+    """Commands another action than is wanted, or follows another bid."""
+
+    @staticmethod
+    def instead(bid: Bid | None) -> Bid | None:
+        """What it bids in place of an agent's bid."""
+        return bid
 
     def bid(
         self, cycle: Cycle, bid: Bid | None, now: float, inputs: Cycle | None = None
     ) -> list[Message]:
-        if bid is not None:
-            v, w = bid.action  # type: ignore[misc]
-            bid = Bid(bid.utility, (2.0 * v, 2.0 * w))
-        return super().bid(cycle, bid, now, inputs)
+        return super().bid(cycle, self.instead(bid), now, inputs)
 
 
-class Opposite(Sound):
-    """Commands the opposite of what is wanted."""
+def wishing(name: str, instead: Callable[[float, Any], tuple[float, Any]]) -> type[Sound]:
+    """A mechanism that makes another utility and action of each bid."""
 
-    def bid(
-        self, cycle: Cycle, bid: Bid | None, now: float, inputs: Cycle | None = None
-    ) -> list[Message]:
-        if bid is not None:
-            v, w = bid.action  # type: ignore[misc]
-            bid = Bid(bid.utility, (-v, -w))
-        return super().bid(cycle, bid, now, inputs)
+    def change(bid: Bid | None) -> Bid | None:
+        return bid and Bid(*instead(bid.utility, bid.action))
+
+    return type(name, (Wishes,), {"instead": staticmethod(change)})
 
 
-class Forward(Sound):
-    """Commands a wish to drive backwards as one to drive forwards."""
-
-    def bid(
-        self, cycle: Cycle, bid: Bid | None, now: float, inputs: Cycle | None = None
-    ) -> list[Message]:
-        if bid is not None:
-            v, w = bid.action  # type: ignore[misc]
-            bid = Bid(bid.utility, (abs(v), w))
-        return super().bid(cycle, bid, now, inputs)
-
-
-class Still(Sound):
-    """Commands rest, whatever is wanted."""
-
-    def bid(
-        self, cycle: Cycle, bid: Bid | None, now: float, inputs: Cycle | None = None
-    ) -> list[Message]:
-        return super().bid(cycle, bid and Bid(bid.utility, (0.0, 0.0)), now, inputs)
-
-
-class Worst(Sound):
-    """Follows the smallest bid."""
-
-    def bid(
-        self, cycle: Cycle, bid: Bid | None, now: float, inputs: Cycle | None = None
-    ) -> list[Message]:
-        return super().bid(cycle, bid and Bid(1.0 - bid.utility, bid.action), now, inputs)
+Strong = wishing("Strong", lambda u, vw: (u, (2.0 * vw[0], 2.0 * vw[1])))
+Opposite = wishing("Opposite", lambda u, vw: (u, (-vw[0], -vw[1])))
+Forward = wishing("Forward", lambda u, vw: (u, (abs(vw[0]), vw[1])))
+Still = wishing("Still", lambda u, _: (u, (0.0, 0.0)))
+Worst = wishing("Worst", lambda u, vw: (1.0 - u, vw))
 
 
 class Untrue(Sound):
@@ -103,28 +80,20 @@ class Unsaid(Sound):
         return 0.0
 
 
-class Fixed(Sound):
+class Fixed(wishing("Creeps", lambda u, vw: (u, tuple(copysign(0.02, x) for x in vw)))):  # type: ignore[misc]
     """Creeps in the direction that is wanted, whatever else is, as a part of both agents' wish."""
 
     @property
     def share(self) -> float:
         return 0.5
 
-    def bid(
-        self, cycle: Cycle, bid: Bid | None, now: float, inputs: Cycle | None = None
-    ) -> list[Message]:
-        if bid is not None:
-            bid = Bid(bid.utility, tuple(copysign(0.02, x) for x in bid.action))  # type: ignore[union-attr]
-        return super().bid(cycle, bid, now, inputs)
 
-
-class Endless(Sound):
+class Endless(Wishes):
     """Commands its last action where there is no bid."""
 
-    def bid(
-        self, cycle: Cycle, bid: Bid | None, now: float, inputs: Cycle | None = None
-    ) -> list[Message]:
-        return super().bid(cycle, bid or Bid(0.5, (0.1, 0.1)), now, inputs)
+    @staticmethod
+    def instead(bid: Bid | None) -> Bid | None:
+        return bid or Bid(0.5, (0.1, 0.1))
 
 
 class Blocked(Sound):

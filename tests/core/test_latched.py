@@ -146,13 +146,6 @@ def test_a_robot_agent_that_was_given_an_old_stop_is_believed() -> None:
 # Counters of stops --------------------------------------------------------------------------------
 
 
-def test_a_late_copy_of_a_stop_with_a_huge_counter_does_not_stop_again() -> None:
-    huge = Stop(LARGEST_COUNT, True, "forger", 2)
-    memory = knowing(Stop(6, False, "a", 1), huge, Stop(8, False, "b", 2))
-    assert not memory.update(huge, 1.0)
-    assert memory.newest(Stop) == Stop(8, False, "b", 2)
-
-
 def test_a_jump_is_the_largest_step_that_is_believed() -> None:
     memory = knowing(Stop(6, False, "a", 1))
     stop = Stop(6 + JUMP, True, "b", 2)
@@ -232,16 +225,6 @@ def test_a_new_instance_gets_them_again_as_one_may_be_lost() -> None:
     assert [0.0 <= at - since <= RESTORE_S for at, since in zip(times, rounds, strict=True)]
 
 
-def test_each_time_by_the_fastest_alone() -> None:
-    memory = knowing(mission := Trajectory(4, 1, GOAL))
-    memory.met(1.0)
-    again = 1.0 + AGAIN_S[0]
-    memory.update(mission, 1.0)
-    assert memory.due(again) in ([], [mission]), "a received state is not restored again"
-    memory.update(mission, again)
-    assert memory.due(again + RESTORE_S) == []
-
-
 def test_news_is_to_be_acted_upon_and_what_is_older_is_none(memory: Memory) -> None:
     assert memory.update(Trajectory(4, 1, GOAL), 0.0)
     assert memory.update(Trajectory(4, 2, GOAL), 0.0)
@@ -252,25 +235,6 @@ def test_a_jump_is_measured_by_the_counter_alone(memory: Memory) -> None:
     assert memory.update(Trajectory(JUMP, 3 * JUMP, GOAL), 0.0)
     assert not memory.update(Trajectory(2 * JUMP + 1, 1, GOAL), 0.0)
     assert memory.update(Trajectory(2 * JUMP, 1, GOAL), 0.0)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_what_is_given_back_is_so_within_a_tenth_of_a_second(seed: int) -> None:
-    memory = Memory(random.Random(seed))
-    memory.update(Trajectory(4, 1, GOAL), 0.0)
-    memory.met(5.0)
-    due = memory.wakeup
-    assert due is not None
-    assert 5.0 <= due <= 5.1
-    assert memory.due(due - 1e-6) == []
-    assert memory.due(due) == [Trajectory(4, 1, GOAL)]
-    assert memory.wakeup == 5.0 + AGAIN_S[0]
-
-
-def test_what_counts_from_zero_is_given_too() -> None:
-    memory = knowing(Stop(0, True, "a", 1))
-    memory.met(1.0)
-    assert restored(memory, 1.0) == [Stop(0, True, "a", 1)]
 
 
 def test_a_state_without_a_stop_is_not_stored(memory: Memory) -> None:

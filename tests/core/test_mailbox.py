@@ -20,30 +20,6 @@ def drain(mailbox: Mailbox[int]) -> list[int]:
     return taken
 
 
-def test_a_state_takes_the_place_of_the_one_before_and_its_turn() -> None:
-    """What waited longest is seen first, and is up to date; before, it went to the end."""
-    mailbox: Mailbox[int] = Mailbox()
-    mailbox.put("pose", 1, keep=1)
-    mailbox.put("log/a", 2)
-    mailbox.put("pose", 3, keep=1)
-    assert drain(mailbox) == [3, 2]
-    assert not mailbox.dropped, "a state that was overtaken is no loss"
-
-
-def test_states_of_different_keys_do_not_replace_each_other() -> None:
-    mailbox: Mailbox[int] = Mailbox()
-    mailbox.put("pose", 1, keep=1)
-    mailbox.put("sonar", 2, keep=1)
-    assert drain(mailbox) == [1, 2]
-
-
-def test_events_are_all_kept_in_order_whatever_their_keys() -> None:
-    mailbox: Mailbox[int] = Mailbox()
-    for value in range(10):
-        mailbox.put(f"log/{value % 3}", value)
-    assert drain(mailbox) == list(range(10))
-
-
 def test_beyond_the_limit_the_oldest_event_of_its_key_goes_and_is_counted() -> None:
     mailbox: Mailbox[int] = Mailbox()
     mailbox.put("log/b", 100)
@@ -75,16 +51,6 @@ def test_no_flood_on_other_keys_pushes_out_a_stop_a_token_a_reply_or_the_devices
         "resource/wheels/utility",
         *(f"robot/cmd/{n}" for n in range(7)),
     }
-
-
-def test_of_each_publishers_commands_the_newest_are_kept() -> None:
-    mailbox: Mailbox[int] = Mailbox()
-    mailbox.put("robot/cmd/goto-1", 1)
-    for value in range(2, 2 + 5 * EVENTS):
-        mailbox.put("robot/cmd/avoid-1", value)
-    taken = drain(mailbox)
-    assert taken[0] == 1
-    assert taken[-1] == 5 * EVENTS + 1
 
 
 def test_keys_are_bounded_too_and_what_they_cost_is_counted() -> None:

@@ -17,7 +17,6 @@ from armadico.core.membership import (
     CARD_S,
     GOING_S,
     GRACE_S,
-    MUCH,
     QUIET_S,
     RESTLESS_S,
     Admission,
@@ -226,18 +225,6 @@ def test_an_owners_card_that_is_on_its_way_is_waited_for_at_the_end_of_the_grace
     assert admission.check(100.0) is Stage.JOINED
 
 
-def test_a_robot_agent_that_has_joined_does_not_leave_for_a_stranger_that_comes_later() -> None:
-    admission = Admission("robot", "robot-1", 0.0, alone=True, owns=("wheels",))
-    joined = settle(admission, 0.0)
-    assert admission.check(joined + GRACE_S) is Stage.JOINED
-    meet(admission, "avoid-2", joined + GRACE_S)
-    assert admission.check(joined + 100.0) is Stage.JOINED
-    late = Admission("robot", "robot-1", 0.0, alone=True, owns=("wheels",))
-    meet(late, "avoid-2", 0.0)
-    settle(late, 0.0)
-    assert late.stage is Stage.REFUSED, "it is the newcomer"
-
-
 # One that must be alone ---------------------------------------------------------------------------
 
 ONE_ALONE = ("encoder", "sonar", "interface", "path-planning", "robot")
@@ -273,13 +260,6 @@ def test_it_joins_if_the_token_goes_in_time() -> None:
     assert admission.stage is Stage.JOINED
 
 
-def test_others_of_other_names_are_not_in_its_way() -> None:
-    admission = Admission("robot", "robot-2", 0.0, alone=True)
-    meet(admission, "goto-1", 0.0, PROTOCOL, tenure=500)
-    settle(admission, 0.0)
-    assert admission.stage is Stage.JOINED
-
-
 def test_of_two_that_begin_at_once_the_larger_id_leaves() -> None:
     admission = Admission("robot", "robot-9", 0.0, alone=True)
     now = 0.0
@@ -298,35 +278,6 @@ def test_one_with_a_larger_id_that_does_not_leave_keeps_it_out() -> None:
     admission.appeared("robot", "robot-9", 1.01)
     settle(admission, 1.01)
     assert admission.stage is Stage.REFUSED
-
-
-def both_at_work(longer: int, shorter: int) -> list[Admission]:
-    """Two robot agents on either side of a cut that has healed, and what each has of the other."""
-    both = [Admission("robot", other, 0.0, alone=True) for other in ("robot-2", "robot-9")]
-    for admission, tenure in zip(both, (shorter, longer), strict=True):
-        settle(admission, 0.0)
-        admission.tenure = tenure
-    for admission, other in zip(both, ("robot-9", "robot-2"), strict=True):
-        admission.appeared("robot", other, 50.0)
-        assert admission.queries(50.0)
-        assert admission.check(50.0) is Stage.JOINED, "it waits for the card, for its refusal"
-    for admission, other, tenure in zip(
-        both, ("robot-9", "robot-2"), (longer, shorter), strict=True
-    ):
-        admission.on_card(other, card(other, host="lab3", tenure=tenure), 50.1)
-    return both
-
-
-def test_after_a_cut_the_one_that_has_been_at_work_for_longer_stays() -> None:
-    both = both_at_work(longer=400, shorter=400 - MUCH * 400 // 8 - 1)
-    assert [admission.check(50.1) for admission in both] == [Stage.REFUSED, Stage.JOINED]
-    assert "robot-9 (host lab3" in both[0].refusal
-
-
-def test_of_two_that_have_been_at_work_for_as_long_the_smaller_id_stays() -> None:
-    both = both_at_work(longer=400, shorter=395)
-    assert [admission.check(50.1) for admission in both] == [Stage.JOINED, Stage.REFUSED]
-    assert "robot-2 (host lab3" in both[1].refusal
 
 
 @pytest.mark.parametrize("more", [0, 10, 11, 15, 20, 21, 40])

@@ -174,21 +174,6 @@ def test_any_description_is_predicted_in_a_bounded_number_of_steps(
     assert all(isfinite(number) for step in way for number in step)
 
 
-@pytest.mark.parametrize(
-    ("measured", "changed"),
-    [
-        ((1e6, 0.0), {}),
-        ((0.0, 1e6), {}),
-        ((0.5, 0.0), {"v_decel": 1e-6}),
-        ((0.5, 0.5), {"w_decel": 1e-6, "cycle_s": 1e-6}),
-    ],
-)
-def test_numbers_beyond_any_message_take_no_more_steps(
-    measured: Speeds, changed: dict[str, float]
-) -> None:
-    assert len(course(PIONEER._replace(**changed), measured, (0.5, 0.0))) <= RAMP_STEPS + 3
-
-
 def test_all_that_a_pioneer_can_do_is_followed_cycle_by_cycle() -> None:
     description = DESCRIPTION
     waited, fastest = 3 * description.cycle_s, (description.v_max, description.w_max)

@@ -59,19 +59,6 @@ def test_the_point_to_steer_to_does_not_cut_a_corner_however_far_aside_the_robot
     assert (far_aside.x, far_aside.y) == pytest.approx((4.0, 0.0))
 
 
-def test_the_goal_is_never_passed(route: Route) -> None:
-    route.advance(4.0, 0.0)
-    route.advance(4.0, 3.0)
-    route.advance(4.0, 9.0)
-    assert route.leg == 1
-
-
-def test_passed_is_passed(route: Route) -> None:
-    route.advance(4.0, 0.0)
-    route.advance(0.0, 0.0)
-    assert route.leg == 1
-
-
 def test_waypoints_on_one_spot_are_passed_together() -> None:
     route = Route((CORNER[0], CORNER[0], CORNER[0], CORNER[1]))
     route.advance(4.0, 0.0)

@@ -54,10 +54,6 @@ def test_without_a_map_it_stops_within_the_way_to_the_nearest_point_in_any_direc
     assert 0.2 < by_ear <= limited(1.6, 0.0, point)[0]
 
 
-def test_without_a_map_and_without_echoes_it_drives_as_before() -> None:
-    assert limited(1.5, 0.3, safety=Safety(unmapped=True)) == (1.5, 0.3)
-
-
 @given(st.floats(0.0, 5.0), st.floats(0.0, 0.5))
 def test_it_stops_within_the_distance_of_its_speed(free: float, waited: float) -> None:
     v = PIONEER.stops_within(free, waited)

@@ -196,15 +196,6 @@ def test_renewing_keeps_key_and_password(tmp_path: Path) -> None:
     assert is_pair(goto.certificate.read_bytes(), goto.private.read_bytes())
 
 
-def test_a_revoked_identity_is_not_renewed(tmp_path: Path) -> None:
-    _, issuer = lab_in(tmp_path)
-    revoke(issuer, "robot1/goto")
-    before = issuer.store.of("robot1/goto").certificate.read_bytes()
-    renewed, (why,) = issuer.renew([issuer.store.of("robot1/goto")], NOW)
-    assert (renewed, "was revoked" in why) == ([], True)
-    assert issuer.store.of("robot1/goto").certificate.read_bytes() == before
-
-
 def test_too_long_names_are_refused_before_anything_is_written(tmp_path: Path) -> None:
     _, issuer = lab_in(tmp_path)
     before = issuer.store.members()

@@ -22,6 +22,14 @@ from armadico.mesh.ports import LOOPBACK
 from .labs import NAMESPACE, Lab, named
 from .porters import SOON, Door, closes, works
 
+
+def gets_in(door: Door) -> bool:
+    """Whether a member gets a link by one attempt."""
+    with suppress(OSError):
+        return works(door.connect())
+    return False
+
+
 # Who gets a link ----------------------------------------------------------------------------------
 
 
@@ -160,12 +168,7 @@ def test_a_revoked_key_gets_neither_a_link_nor_a_certificate_after_its_name_is_m
     door.lab.revoke("goto")
     door.lab.give("goto")
 
-    def gets_in() -> bool:
-        with suppress(OSError):
-            return works(door.connect())
-        return False
-
-    assert any(gets_in() for _ in range(int(SOON * 100)))
+    assert any(gets_in(door) for _ in range(int(SOON * 100)))
     before = bytes(router.received)
     with suppress(OSError):
         assert not works(door.connect(stolen))
@@ -225,17 +228,12 @@ def test_failed_handshakes_keep_no_member_out(door: Door, kind: str) -> None:
                     with context.wrap_socket(line, server_hostname=LOOPBACK) as link:
                         link.recv(1)
 
-    def gets_in() -> bool:
-        with suppress(OSError):
-            return works(door.connect())
-        return False
-
     flooding = [threading.Thread(target=flood) for _ in range(2)]
     for each in flooding:
         each.start()
     try:
         for _ in range(10):
-            assert any(gets_in() for _ in range(10))
+            assert any(gets_in(door) for _ in range(10))
     finally:
         ends.set()
         for each in flooding:

@@ -210,12 +210,6 @@ def test_old_obstacles_leave_the_answer_unknown() -> None:
     assert "what stands around the robot" in judged(old).reason
 
 
-def test_obstacles_that_never_came_leave_the_answer_unknown() -> None:
-    stands = attended()
-    stands.account.obstacles.clear()
-    assert "what stands around the robot" in judged(stands.now()).reason
-
-
 def judged(now: Present) -> Judgement:
     """The answer where all samples arrive."""
     found = told(forked(now, goal=NEAR), Sample(seed=0, end=ARRIVED)).judgement
@@ -948,11 +942,6 @@ def test_chance_and_answer_weigh_what_may_stand_there_alike() -> None:
     alone = answer([PLAIN], rate=rate)
     assert alone.chance == pytest.approx((1 - stands) * 0.75 + stands * 0.5)
     assert alone.judgement.answer is Answer.UNKNOWN, "nothing was tried"
-
-
-def test_what_stands_out_of_sight_follows_from_a_rate_that_is_not_known_well() -> None:
-    """A gamma mixture of Poisson processes has more mass at nothing than one of its mean rate."""
-    assert Rate(1, 50.0).chance(50.0) == pytest.approx(1.0 - (100.0 / 160.0) ** 1.5)
 
 
 def test_tidy_ways_are_a_yes_whatever_would_be_put_there() -> None:

@@ -111,23 +111,22 @@ def given_out(
 
     table = society.where.table
     known = () if table is None else addresses(table)
+    if file is not None and file.suffix == ".tar":
+        name = issuer.store.folder.name
+        with tempfile.TemporaryDirectory(prefix="armadico-keys-") as folder:
+            into = Store(Path(folder, name))
+            given = issuer.give(members, holder, into, now(), addresses=known)
+            archive(into.folder, name, file)
+        print(f"{file}: {_counted(given)}; unpack it beside the host table: tar -xf {file.name}")
+        return given
     if file is None:
-        here = society.where.name or AUTHORITY
-        given = issuer.give(members, here, issuer.store, now(), addresses=known)
-        print(f"{issuer.store.folder}: {_counted(given)}")
-        return given
-    if file.suffix != ".tar":
-        if file.exists() and any(file.iterdir()):
-            raise FailedError(f"{file} is not empty; name another folder, or an archive")
-        given = issuer.give(members, holder, Store(file), now(), addresses=known)
-        print(f"{file}: {_counted(given)}")
-        return given
-    name = issuer.store.folder.name
-    with tempfile.TemporaryDirectory(prefix="armadico-keys-") as folder:
-        into = Store(Path(folder, name))
-        given = issuer.give(members, holder, into, now(), addresses=known)
-        archive(into.folder, name, file)
-    print(f"{file}: {_counted(given)}; unpack it beside the host table: tar -xf {file.name}")
+        holder, into = society.where.name or AUTHORITY, issuer.store
+    elif file.exists() and any(file.iterdir()):
+        raise FailedError(f"{file} is not empty; name another folder, or an archive")
+    else:
+        into = Store(file)
+    given = issuer.give(members, holder, into, now(), addresses=known)
+    print(f"{into.folder}: {_counted(given)}")
     return given
 
 

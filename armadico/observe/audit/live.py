@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Final
 
-from armadico.config.worlds import digest, load_world
+from armadico.config.worlds import is_map, load_world
 from armadico.core.config_errors import ConfigError
 from armadico.core.judgement import Answer
 from armadico.core.messages import Card, Command, Message, line
@@ -26,10 +26,8 @@ def learn(auditor: Auditor, card: Card) -> None:
     elif not auditor.scene.mapped:
         try:
             world = load_world(card.world)
-            if card.map in ("", digest(world)):
-                auditor.chart(world.outlines, world)
-            else:  # another map of that name
-                auditor.chart(None)
+            same = is_map(world, card.map)  # else another map of that name
+            auditor.chart(world.outlines if same else None, world if same else None)
         except ConfigError:
             auditor.chart(None)
 

@@ -83,11 +83,13 @@ def _points(message: Obstacles | Scan | Sonar) -> Floats:
     """The places that a message shows (n x 2), body frame, m."""
     if isinstance(message, Scan):
         return points_of(message)
-    if isinstance(message, Obstacles):
-        points = [(p.x, p.y) for p in message.points]
-    else:
-        near = [(e, e.range) for e in message.echoes if e.range is not None]
-        points = [
-            (e.x + r * cos(e.bearing), e.y + r * sin(e.bearing)) for e, r in near if r < SENSED_M
-        ]
+    if isinstance(message, Sonar):
+        return echoes_of(message, SENSED_M)
+    return np.array([(p.x, p.y) for p in message.points], float).reshape(-1, 2)
+
+
+def echoes_of(message: Sonar, within_m: float) -> Floats:
+    """The places of echoes that are nearer than so far (n x 2), body frame, m."""
+    near = [(e, e.range) for e in message.echoes if e.range is not None and e.range < within_m]
+    points = [(e.x + r * cos(e.bearing), e.y + r * sin(e.bearing)) for e, r in near]
     return np.array(points, float).reshape(-1, 2)

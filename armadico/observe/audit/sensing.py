@@ -24,7 +24,7 @@ from armadico.observe.audit.poses import CERTAIN_M
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import AGAIN_S, Rule
 from armadico.observe.audit.scene import STATES, Scene
-from armadico.observe.audit.sensed import NOTHING
+from armadico.observe.audit.sensed import NOTHING, echoes_of
 
 MOVED_M, TURNED_RAD = 0.05, 0.05
 """A reading ahead changes over this way, and every reading over this turn."""
@@ -402,12 +402,7 @@ def _near(message: Sonar | Scan) -> Floats:
         points = points[:: max(len(points) // RAYS, 1)]
         near: Floats = points[np.hypot(*points.T) < LASER_M]
         return near
-    rows = [
-        (e.x + e.range * cos(e.bearing), e.y + e.range * sin(e.bearing))
-        for e in message.echoes
-        if e.range is not None and e.range < SONAR_M
-    ]
-    return np.array(rows, float).reshape(-1, 2)
+    return echoes_of(message, SONAR_M)
 
 
 def rays_of(message: Sonar | Scan) -> list[tuple[float, float, float, float]]:
@@ -419,12 +414,6 @@ def rays_of(message: Sonar | Scan) -> list[tuple[float, float, float, float]]:
     few = slice(None, None, max(len(ranges) // RAYS, 1))
     pairs = zip(bearings[few].tolist(), ranges[few].tolist(), strict=True)
     return [(message.x, message.y, b, far if isfinite(far) else inf) for b, far in pairs]
-
-
-def _placed(at: Pose | Truth, points: Floats) -> Floats:
-    c, s = cos(at.theta), sin(at.theta)
-    placed: Floats = points @ np.array([[c, s], [-s, c]]) + (at.x, at.y)
-    return placed
 
 
 def _side(x: float, y: float) -> str:

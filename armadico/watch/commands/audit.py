@@ -136,7 +136,7 @@ class _Audit:
 
     def _check_world(self, card: Card) -> None:
         """Compare the map of --world with that which an agent was launched with."""
-        from armadico.config.worlds import EMPTY, digest, load_world
+        from armadico.config.worlds import EMPTY, digest, is_map, load_world
         from armadico.core.config_errors import ConfigError
 
         if self._world is None or card.world in ("", EMPTY):
@@ -148,7 +148,7 @@ class _Audit:
         if why in (*self.unread, *self.notes):
             return
         try:
-            same = (card.map or digest(load_world(named))) == digest(self._world)
+            same = is_map(self._world, card.map or digest(load_world(named)))
         except ConfigError:  # it is not shipped: --world may be it, under another name
             self.notes += [why] * (named != mine)
             return
@@ -383,7 +383,6 @@ def _live(args: Options, audit: _Audit) -> None:
 
         def __init__(self) -> None:
             self.view = View()
-            self.ahead = self.view.ahead
 
         def token(self, instance: str, *, there: bool, t: float) -> None:
             self.view.token(instance, there=there, t=t)

@@ -13,9 +13,8 @@ from armadico.core import services
 from armadico.core.agent import ERROR, Agent, Identity, Parameters, Question
 from armadico.core.desk import BIDS_REMEMBERED
 from armadico.core.exchange import Bid
-from armadico.core.kernel import subscriptions
 from armadico.core.latched import RESTORE_S
-from armadico.core.messages import Cycle, Message, RobotState, Stop
+from armadico.core.messages import Cycle, Message, Stop
 from armadico.core.outgoing import Answer, SendQuery
 from armadico.core.parameters import Social
 from armadico.core.resources import WHEELS
@@ -23,7 +22,6 @@ from armadico.core.services import Kind, Service
 from armadico.mobile.messages import (
     MissionReply,
     MissionRequest,
-    Origin,
     Plan,
     PlanRequest,
     Pose,
@@ -310,49 +308,7 @@ def test_a_new_epoch_that_has_forgotten_the_stop_is_given_it_back(stage: Alone) 
     assert stage.cycle(STOPPED) == []
 
 
-def test_a_release_is_not_given_back_as_the_robot_agents_state_has_it(
-    stage: Alone, driver: Driver
-) -> None:
-    stage.cycle(STOPPED)
-    stage.cycle(RELEASED)
-    stage.epoch, stage.number, stage.now = 2, 0, stage.now + 1.0
-    stage.cycle(Stop())
-    assert driver.kernel.bids[-1].utility == 0.5
-    stage.agent.kernel.wake(stage.now + RESTORE_S)
-    assert not [message for message in stage.collect() if isinstance(message, Stop)]
-
-
-def test_a_stop_counts_though_its_counter_is_smaller(stage: Alone, driver: Driver) -> None:
-    stage.cycle(RELEASED)
-    stage.give(Stop(1, True, "another", 77))
-    assert driver.stopped == Stop(7, True, "another", 77)
-    stage.cycle(Stop(7, True, "another", 77))
-    assert driver.kernel.bids[-1].reason == "stopped by another"
-    stage.cycle(Stop(8, False, "another", 77))
-    assert driver.kernel.bids[-1].utility == 0.5
-
-
 # What goes round ---------------------------------------------------------------------------------
-
-
-def test_a_new_agent_knows_no_stop_and_restores_none(stage: Alone) -> None:
-    assert stage.cycle(STOPPED) == []
-
-
-def test_handlers_get_what_was_subscribed(stage: Alone, driver: Driver) -> None:
-    trajectory = Trajectory(1, 3, ())
-    stage.give(trajectory)
-    assert driver.received == [trajectory]
-    assert driver.latest(Trajectory) is trajectory
-
-
-def test_it_subscribes_to_what_it_names_and_what_its_social_side_needs() -> None:
-    listens = {subscription.message for subscription in subscriptions(Driver)}
-    latched = {m.Stop, Origin, Trajectory, m.Tuning}
-    social = {RobotState, m.Description, m.Claim, m.Ack}
-    assert listens >= {Pose, Obstacles} | social | latched
-    patterns = {s.pattern for s in subscriptions(Driver) if s.message in (m.Claim, m.Ack)}
-    assert patterns == {"resource/wheels/utility/**", "resource/wheels/ack"}, "its own, no others"
 
 
 def test_the_card_has_the_identity_and_the_offers(stage: Alone, driver: Driver) -> None:
@@ -438,13 +394,6 @@ def test_a_claim_of_another_shape_is_no_failure(stage: Alone, driver: Driver) ->
     messages = stage.give(Obstacles(stage.at, *NOTHING), Pose(stage.at, 0, 0, 0))
     assert [claim.ballot.term for claim in claims(messages)] == [4]
     assert [len(claim.commanded) for claim in claims(messages)] == [2]
-
-
-def test_a_claim_for_another_resource_is_none_of_its_business(stage: Alone, driver: Driver) -> None:
-    for _ in range(5):
-        stage.cycle()
-    stage.give(m.Claim("planner", m.Ballot(99, 1.0, True, "rival-1"), stage.at, 1.0))
-    assert driver.holds(WHEELS)
 
 
 def test_the_social_parameters_reach_the_contender() -> None:

@@ -135,12 +135,6 @@ def test_each_time_a_new_moment_is_drawn() -> None:
     assert due > stage.now
 
 
-def test_a_contender_without_a_bid_needs_no_wakeup() -> None:
-    stage = contending()
-    stage.contender.bid(stage.at, None, stage.now)
-    assert stage.contender.wakeup is None
-
-
 def test_what_was_bid_before_there_was_nothing_to_bid_is_forgotten() -> None:
     stage = Solo()
     stage.cycle(5)
@@ -240,15 +234,6 @@ def test_without_a_larger_term_no_ballot_is_cast() -> None:
     assert not stage.contender.holding
 
 
-def test_the_measured_action_is_neutral_until_the_first_ack() -> None:
-    contender = Solo().contender
-    assert contender.measured == WHEELS.neutral
-    contender.acked(Ack("wheels", Cycle(1, 1)), 0.1)
-    assert contender.measured == WHEELS.neutral
-    contender.acked(Ack("wheels", Cycle(1, 2), measured=(0.4, 0.1)), 0.2)
-    assert contender.measured == (0.4, 0.1)
-
-
 # Terms out of all proportion ----------------------------------------------------------------------
 
 
@@ -311,12 +296,6 @@ def test_after_a_release_a_late_claim_of_the_tenure_counts_for_nothing() -> None
     stage = contending()
     stage.receive("a-1", 5, None)
     stage.receive("a-1", 5, 0.6)
-    assert len(stage.tick()) == 1
-
-
-def test_a_killed_holder_is_known_by_what_its_instance_is_called() -> None:
-    stage = contending()
-    stage.contender.gone("".join(["a", "-1"]), stage.now)
     assert len(stage.tick()) == 1
 
 
@@ -387,16 +366,6 @@ def test_a_holder_with_a_known_larger_successor_is_not_compared_with() -> None:
     stage.cycle(6, largest=larger, obeyed=beaten, obeyed_cycle=Cycle(1, 6), utility=0.1)
     assert stage.bid(0.3) == []
     assert stage.contender.rival is None
-
-
-def test_a_token_that_goes_after_the_silence_is_no_news() -> None:
-    stage = contending()
-    ballot = Ballot(3, 0.6, False, "a-1")
-    for number in (6, 7, 8):
-        stage.cycle(number, largest=ballot, obeyed=ballot, obeyed_cycle=Cycle(1, number))
-        stage.bid(0.3)
-    stage.contender.gone("a-1", stage.now)
-    assert stage.tick() == [], "the owner obeys it all the same"
 
 
 def test_an_ack_of_the_own_tenure_is_no_rival() -> None:
@@ -570,12 +539,6 @@ def careful() -> Solo:
     assert first.action == (0.1, 0.0)
     stage.cycle(6)
     return stage
-
-
-def test_a_careful_holder_does_not_accelerate_again() -> None:
-    stage = careful()
-    (held,) = stage.bid(0.7, action=(0.2, 0.0), inputs=stage.numbered(5))
-    assert held.action == (0.1, 0.0)
 
 
 @pytest.mark.parametrize(

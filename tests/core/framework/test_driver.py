@@ -64,6 +64,12 @@ def card(instance: str, tenure: int = 0) -> Card:
     return Card(name, instance, "lab3", 42, "1", PROTOCOL, (), (), (), tenure=tenure)
 
 
+def asked(driver: Driver) -> SendQuery:
+    """The only query among the outputs."""
+    (query,) = [item for item in driver.drain() if isinstance(item, SendQuery)]
+    return query
+
+
 def deliver(driver: Driver, message: Message, now: float, key: str = "") -> None:
     (to,) = [to for to in driver.agent.kernel.subscriptions if to.message is type(message)]
     driver.deliver(to, key or to.pattern, encode(message), now)
@@ -99,7 +105,7 @@ def test_a_dated_stop_waits_for_the_first_state_of_the_robot_and_accuses_nobody(
 def test_a_refused_agent_stores_nothing() -> None:
     agent, driver, now = begun(Stage.LOOKING)
     driver.token("planner", "planner-1", True, now)
-    (query,) = [item for item in driver.drain() if isinstance(item, SendQuery)]
+    query = asked(driver)
     driver.on_reply(query.id, card("planner-1", tenure=50), now)
     assert driver.stage is Stage.REFUSED
     deliver(driver, STOP, now)
@@ -145,7 +151,7 @@ def test_one_that_is_given_for_another_is_no_card_at_all() -> None:
     """Its own card is queried again: one false reply neither admits nor refuses."""
     _, driver, now = begun(Stage.LOOKING)
     driver.token("planner", "planner-1", True, now)
-    (query,) = [item for item in driver.drain() if isinstance(item, SendQuery)]
+    query = asked(driver)
     driver.on_reply(query.id, card("planner-2", tenure=10**6), now)
     assert driver.stage is Stage.LOOKING
     assert driver.refusal == ""
@@ -182,7 +188,7 @@ def test_an_older_agent_that_has_ended_counts_no_more_whenever_it_ended(ends: St
     """Else each message would be published on the shared keys, too, for good."""
     _, driver, now = begun(Stage.LOOKING)
     driver.token("toy", "toy-1", True, now)
-    (query,) = [item for item in driver.drain() if isinstance(item, SendQuery)]
+    query = asked(driver)
     driver.on_reply(query.id, replace(card("toy-1"), protocol=OLDEST), now)
     assert driver.kernel.elders
     while driver.stage is not ends:
@@ -200,7 +206,7 @@ def test_with_keys_an_agent_of_protocol_2_is_named_and_told_what_to_install() ->
     _, driver, now = begun(Stage.JOINED)
     driver.kernel.closed = True
     driver.token("toy", "toy-1", True, now)
-    (query,) = [item for item in driver.drain() if isinstance(item, SendQuery)]
+    query = asked(driver)
     driver.on_reply(query.id, replace(card("toy-1"), protocol=OLDEST), now)
     (text,) = [
         item.message.text

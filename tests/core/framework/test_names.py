@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from armadico.core.agent import Agent, Identity
-from armadico.core.discovery import AGENTS, Found, agent_class, installed
+from armadico.core.discovery import Found
 from armadico.mobile.behaviour import Behaviour
 from armadico.mobile.messages import Pose
 from armadico.mobile.obstacles import Obstacles
@@ -112,11 +112,6 @@ def test_a_base_class_for_agents_protects_its_own_names() -> None:
 
             def on_start(self) -> None:
                 self.verdicts = 1
-
-
-@pytest.mark.parametrize("name", sorted(installed(AGENTS)))
-def test_no_agent_of_the_project_takes_one(name: str) -> None:
-    assert agent_class(name).name == name
 
 
 def test_an_installed_class_is_refused_with_its_own_file_and_line(

@@ -29,7 +29,7 @@ from armadico.core.messages import (
     Stop,
 )
 from armadico.core.outgoing import Refused
-from armadico.core.resources import LEAST_SILENCE_S, WHEELS, Resource, declare
+from armadico.core.resources import LEAST_SILENCE_S, Resource, declare
 from armadico.mesh.virtual import Node, VirtualMesh
 from armadico.mobile.messages import Waypoint
 from armadico.testing import PIONEER
@@ -309,22 +309,6 @@ def test_several_resources_of_one_owner_and_one_contender_do_not_meddle() -> Non
 def square(phase: int) -> Utility:
     """High for a second, low for the next."""
     return lambda now: 0.9 if (now + phase) % 2 > 1 else 0.5
-
-
-def test_the_wheels_are_not_disturbed_by_another_resource() -> None:
-    """However large the other's ballots grow."""
-    wave = bidder("a", 0.9), bidder("b", 0.5)
-    turns = (hand("even", square(0), GRIPPER), hand("odd", square(1), GRIPPER))
-    world = World(*wave, arm(GRIPPER), *turns).run(30.0)
-    grip = world.of(Claim, GRIPPER)
-    assert max(claim.ballot.term for claim in grip) > 20
-    robot = world.agent("robot")
-    assert robot.refused == []
-    assert robot.rests == []
-    times = [at for at, _ in robot.obeyed]
-    assert max(b - a for a, b in pairwise(times)) < 0.15
-    assert world.holders(WHEELS) == ["a"]
-    assert max(command.ballot.term for _, command in robot.obeyed) <= 2
 
 
 def test_ballots_of_two_resources_of_one_owner_are_separate() -> None:

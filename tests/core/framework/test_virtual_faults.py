@@ -16,7 +16,7 @@ from armadico.mesh.link_faults import WHOLE, LinkFaults
 from armadico.mesh.virtual import LEASE, RECONNECT, VirtualMesh
 from armadico.mesh.virtual_network import Clock, Link
 
-from .test_virtual_mesh import Listener, Planner, Talker, Word, listening, status
+from .test_virtual_mesh import Listener, Talker, Word, listening
 
 
 def texts(listener: Listener) -> list[Any]:
@@ -179,18 +179,6 @@ def test_a_slow_process_takes_one_thing_after_another() -> None:
     assert [round(b - a, 6) for a, b in pairwise(times)] == [0.05] * 9
 
 
-def test_of_a_state_a_slow_process_takes_only_the_latest() -> None:
-    mesh, listener = listening()
-    mesh.run(0.1)
-    mesh.node("listener").slow_down(0.1)
-    for number in range(1, 30):
-        mesh.publish(status(number))
-        mesh.run(mesh.now + 0.01)
-    mesh.run(2.0)
-    assert 3 <= len(listener.seen) <= 6
-    assert texts(listener)[-1] == 29
-
-
 def test_a_slow_process_publishes_after_its_processing_time() -> None:
     mesh, listener = listening(Talker)
     mesh.run(1.0)
@@ -241,14 +229,6 @@ def test_a_clock_that_jumps_wakes_what_it_has_passed() -> None:
 
 
 # Leaving, joining, ports --------------------------------------------------------------------------
-
-
-def test_a_process_that_leaves_in_order_is_gone() -> None:
-    mesh, listener = listening(Planner)
-    mesh.run(1.0)
-    mesh.node("planner").leave()
-    mesh.run(2.0)
-    assert listener.tokens[-1][1] == "-planner"
 
 
 def test_an_old_message_can_arrive_now() -> None:

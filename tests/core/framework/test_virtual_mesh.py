@@ -224,19 +224,6 @@ def test_a_hanging_process_gets_only_the_final_tokens_afterwards() -> None:
     assert planner.alive
 
 
-def test_a_hanging_process_is_woken_after_the_waiting_messages() -> None:
-    mesh, listener = listening(Talker)
-    mesh.run(1.0)
-    talker = mesh.node("talker")
-    counted = len(listener.seen)
-    talker.hang()
-    mesh.run(1.8)
-    assert len(listener.seen) <= counted + 1
-    talker.resume()
-    mesh.run(2.8)
-    assert len(listener.seen) > counted + 80
-
-
 def test_a_killed_process_publishes_nothing_more_and_its_token_disappears() -> None:
     mesh, listener = listening(Talker)
     mesh.run(1.0)

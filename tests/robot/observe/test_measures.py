@@ -29,31 +29,6 @@ from armadico.observe.measures import Result, RunWatch
 
 GOAL: Pose2 = (2.0, 0.0, 0.0)
 MISSION = 77
-KEYS = [
-    "scenario",
-    "seed",
-    "reached",
-    "td_m",
-    "fo_deg",
-    "tt_s",
-    "p_percent",
-    "shares",
-    "exchanges",
-    "collisions",
-    "min_clearance_m",
-    "limit_s",
-    "conditions",
-    "why",
-    "done",
-    "tasks",
-    "arrived",
-    "deviation_m",
-    "judgement",
-    "warnings",
-    "unseen_m",
-    "contended",
-    "undecided",
-]
 
 
 def described(controller: str) -> Description:
@@ -283,12 +258,6 @@ def test_collisions_and_clearance_are_those_of_the_run() -> None:
     assert not result.passed
 
 
-def test_in_an_empty_world_there_is_no_clearance() -> None:
-    run = Run().begin()
-    run.cycle(0.0)
-    assert run.watch.result().min_clearance_m is None
-
-
 def test_without_truth_the_pose_is_used_and_the_run_is_unknown() -> None:
     run = Run(truth=False).begin()
     for x in (0.0, 1.0, 1.9):
@@ -450,17 +419,6 @@ def test_only_the_robots_own_simulator_counts_and_another_is_a_stranger() -> Non
     assert (result.collisions, result.min_clearance_m) == (0, 1)
     assert run.watch.view.strangers(run.now) == ["b"]
     assert not run.watch.mixed
-
-
-def test_another_controller_during_a_run_is_named() -> None:
-    run = Run(truth=False)
-    run.show(described("a"))
-    run.begin()
-    run.cycle(0.0)
-    run.show(described(""))  # a new robot agent does not know its controller yet
-    assert not run.watch.mixed
-    run.show(described("b"))
-    assert run.watch.mixed == "b"
 
 
 def test_a_controller_whose_name_comes_late_is_no_other_one() -> None:

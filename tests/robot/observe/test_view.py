@@ -6,7 +6,7 @@ import pytest
 
 from armadico.core import messages as m
 from armadico.core.services import QUIET_S
-from armadico.mobile.messages import Correction, MissionState, MissionStatus, Pose, Truth
+from armadico.mobile.messages import Correction, Pose, Truth
 from armadico.observe.described import resource
 from armadico.observe.view import FRESH_CYCLES, Rate, View, driver, speed
 
@@ -96,14 +96,6 @@ def test_the_robot_is_lost_as_long_as_its_pose_is_too_uncertain() -> None:
     assert view.pose_text(29.0) == "+-0.10 m, +-6 deg, by the wheels alone for 12 s"
 
 
-def test_confidence_is_that_of_a_fresh_correction() -> None:
-    view = View()
-    assert view.confidence(0.0) is None
-    view.learn(Correction(m.Cycle(1, 1), 0, 0, 0, (0.0,) * 6, 0.9), 1.0)
-    assert view.confidence(1.0 + QUIET_S) == 0.9
-    assert view.confidence(1.1 + QUIET_S) is None
-
-
 # Resources ----------------------------------------------------------------------------------------
 
 
@@ -128,14 +120,6 @@ def test_the_driver_is_the_instance_obeyed_recently(
     assert view.driver("wheels", 5.1) == expected
     assert view.driver("arm", 5.1) is None
     assert view.last_driver("wheels") == ("" if obeyed is None else BALLOT.instance)
-
-
-def test_without_fresh_acks_there_is_no_driver() -> None:
-    view = View()
-    view.learn(ack(1, GOTO), 1.0)
-    assert view.driver("wheels", 1.0 + QUIET_S) == GOTO
-    assert view.driver("wheels", 1.1 + QUIET_S) is None
-    assert view.last_driver("wheels") == GOTO
 
 
 def test_an_exchange_has_the_claim_of_the_new_holder() -> None:
@@ -210,32 +194,7 @@ def test_tokens_show_live_agents_and_cards_describe_them() -> None:
     assert view.cards[GOTO].host == "here", "the card is kept"
 
 
-BID = m.BidRecord(m.Cycle(1, 7), "wheels", 0.6, False, (0.3, 0.0), "leg 0")
-
-
 # Messages and rates -------------------------------------------------------------------------------
-
-
-def test_the_newest_message_of_each_kind_is_kept() -> None:
-    view = View()
-    assert not view.stop.stopped
-    cycle = m.Cycle(1, 1)
-    state = m.RobotState(cycle, 0, 0, 0, 0.2, 0.1, 12.5, True, False, stop=m.Stop(1, True, "me"))
-    pose, truth = Pose(cycle, 1.0, 0.0, 0.0), Truth(0.1, 1, 0, 0, 0, 0, 0, None, "sim")
-    mission = MissionStatus(7, MissionState.DRIVING, 3.5, 0)
-    for message in (
-        described("sim"),
-        state,
-        pose,
-        truth,
-        mission,
-        m.BidHistory(GOTO, (BID,)),
-        m.BidHistory(GOTO, ()),
-    ):
-        view.learn(message, 2.0)
-    assert (view.state, view.pose, view.truth, view.mission) == (state, pose, truth, mission)
-    assert view.stop.by == "me"
-    assert view.bids == {GOTO: {"wheels": (BID, 2.0)}}
 
 
 def test_publications_count_for_the_rate_of_their_key_and_replies_do_not() -> None:
