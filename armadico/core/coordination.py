@@ -641,7 +641,6 @@ class Verdict(StrEnum):
     UNAVAILABLE = "the resource is not ready"
     NOT_ITS_KEY = "its sender is not the publisher that its key names"
     NOT_CRITICAL = "it is critical, which its agent's class does not declare"
-    HANDED_OVER = "another agent was obeyed after it in this cycle"
 
 
 class Owner:
@@ -671,7 +670,6 @@ class Owner:
         self._leapt: Cycle | None = None  # when a leap was accepted last
         self._rank = (0.0, False)  # utility and critical of the obeyed tenure
         self._obeyed_at = float("-inf")
-        self._drove: tuple[str, ...] = ()  # the instances obeyed for the obeyed cycle, in order
 
     def on_claim(self, claim: Claim) -> bool:
         """Note a claim's ballot; smaller ones are rejected from now on.
@@ -708,10 +706,6 @@ class Owner:
             self._learn(ballot)
             if ballot != self.obeyed:
                 self._rank = (ballot.utility, ballot.critical)
-            if command.cycle != self.obeyed_cycle:
-                self._drove = ()
-            if ballot.instance not in self._drove:
-                self._drove += (ballot.instance,)
             self.obeyed, self.obeyed_cycle = ballot, command.cycle
             self._obeyed_at, self.active = now, True
         else:
@@ -776,8 +770,6 @@ class Owner:
             return Verdict.OLD_CYCLE
         if command.action is None:
             return Verdict.RELEASED
-        if cycle == at and ballot.instance in self._drove[:-1]:
-            return Verdict.HANDED_OVER  # messages out of order make two agents take over by turns
         if fault:
             return Verdict.OUT_OF_RANGE
         if stopped:

@@ -18,9 +18,7 @@ REPORT_S: Final = 2.0  # shortest time between two reports of refused commands, 
 REASONS_REPORTED: Final = 3
 
 # Refusals that every exchange and every start causes. They are no fault.
-EXPECTED_REFUSALS: Final = frozenset(
-    {Verdict.STALE_BALLOT, Verdict.OVER, Verdict.LISTENING, Verdict.HANDED_OVER}
-)
+EXPECTED_REFUSALS: Final = frozenset({Verdict.STALE_BALLOT, Verdict.OVER, Verdict.LISTENING})
 
 
 class Owning:

@@ -72,21 +72,6 @@ def test_of_one_tenure_no_older_cycle_is_obeyed_after_a_newer_one() -> None:
     assert owner.judge(larger, NOW) is Verdict.OBEYED, "another's command may answer an older one"
 
 
-@pytest.mark.parametrize("between", ["taken", "released"])
-def test_who_was_succeeded_in_a_cycle_is_obeyed_again_in_the_next_one(
-    owner: Owner, between: str
-) -> None:
-    again, other = ballot(5), ballot(4, 0.7, "other-2")
-    assert owner.judge(command(), NOW) is Verdict.OBEYED
-    if between == "released":
-        assert owner.judge(command(action=None), NOW) is Verdict.RELEASED
-    assert owner.judge(command(of=other), NOW) is Verdict.OBEYED
-    assert owner.judge(command(of=again), NOW) is Verdict.HANDED_OVER
-    assert owner.obeyed == other
-    owner.clock.advance(Cycle(1, AT + 1), NOW + PERIOD)
-    assert owner.judge(command(AT + 1, again), NOW + PERIOD) is Verdict.OBEYED
-
-
 @pytest.mark.parametrize("known", ["obeyed", "claimed", "released"])
 def test_a_smaller_ballot_is_refused_however_the_larger_came_to_be_known(
     owner: Owner, known: str
