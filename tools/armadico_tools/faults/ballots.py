@@ -40,26 +40,28 @@ class OneDriver:
 
 
 class OneCommander:
-    """In a cycle no agent is obeyed again after another one: the wheels change hands once at most.
+    """In a whole network no agent is obeyed again in a cycle after another one.
 
-    Another agent may be obeyed in the same cycle, as a takeover is immediate.
+    Another agent may be obeyed in the same cycle, as a takeover is immediate. Messages that come
+    late and out of order can make two of them take over by turns, each with a larger ballot.
     """
 
     promise = Promise.ONE_DRIVER
     on = (Obeyed,)
 
-    def __init__(self) -> None:
+    def __init__(self, bounds: Bounds) -> None:
+        self._lately_s = bounds.overlap_s
         self._cycle: Cycle | None = None
         self._instances: list[str] = []  # obeyed in this cycle, in order
 
-    def check(self, seen: Observation, now: Record) -> Iterator[str]:  # noqa: ARG002
+    def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """At each command obeyed."""
         if not isinstance(seen, Obeyed):
             return
         if seen.cycle != self._cycle:
             self._cycle, self._instances = seen.cycle, []
         instance, before = seen.ballot.instance, self._instances
-        if instance in before[:-1]:
+        if instance in before[:-1] and now.whole_for() >= self._lately_s:
             names = ", ".join(map(agent_of, (*before, instance)))
             yield f"in cycle {seen.cycle.number} these are obeyed by turns: {names}"
         if not before or before[-1] != instance:

@@ -106,7 +106,7 @@ class Checker:
         self.began = inf  # at the first observation, s
         self._watches: tuple[Watch, ...] = (
             OneDriver(),
-            OneCommander(),
+            OneCommander(bounds),
             Fresh(),
             CommandObeyed(bounds),
             Silence(bounds),
