@@ -383,16 +383,15 @@ def _in_network(args: Options, name: str, stack: ExitStack) -> Line:
 def _run(served: Sequence[tuple[SimulatedRobot, Line]]) -> None:
     """Serve until interrupted: the first robot in this thread, the others in threads."""
     from armadico.bridge.simulator.server import Pace, Simulation
-    from armadico.runtime.process import arm_deadline
+    from armadico.runtime.process import arm_deadline, await_signals
 
     ended = threading.Event()
 
-    def leave(*_: object) -> None:
-        arm_deadline()  # a mesh whose router has just been killed may hang while it is closed
+    def leave() -> None:
+        arm_deadline()  # a mesh whose router has just been killed may hang
         ended.set()
 
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, leave)
+    await_signals({signal.SIGINT: leave, signal.SIGTERM: leave})
     pace, turn = Pace(), threading.Lock() if len(served) > 1 else None
     first, *others = (Simulation(robot, line, pace=pace, turn=turn) for robot, line in served)
     threads = [threading.Thread(target=other.run, args=(ended.is_set,)) for other in others]

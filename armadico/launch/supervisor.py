@@ -35,9 +35,10 @@ from armadico.core.restart_policy import Budget
 from armadico.launch.processes import SIMULATOR, Process, ProcessTable, ending, logs_folder
 from armadico.launch.programs import LEAVE_S
 from armadico.launch.society import Member, processes
+from armadico.mesh.sockets import STOP_SIGNAL
 from armadico.observe.journals import head
 from armadico.runtime.errors import RunFailedError
-from armadico.runtime.process import AgentHost, await_stop, identity
+from armadico.runtime.process import AgentHost, await_signals, identity
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario
@@ -195,7 +196,8 @@ class Upkeep:
         self._thread = threading.Thread(target=self._live, name="wakeup", daemon=True)
 
     def __enter__(self) -> Upkeep:
-        await_stop(self._agents.latch)  # for `armadico stop` on this host, which signals this pid
+        # For `armadico stop` on this host, which signals this pid.
+        await_signals({STOP_SIGNAL: self._agents.latch})
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:

@@ -532,8 +532,8 @@ def serve(
     SIGALRM: neither Zenoh's threads nor a hanging agent can delay it.
     """
     host = AgentHost(agents, mesh, connect, wall=wall, head=head, door=mesh.door)
-    _await_signal(host.request_stop)
-    await_stop(host.latch)
+    _await_end(host.request_stop)
+    await_signals({sockets.STOP_SIGNAL: host.latch})  # without a connection: none can be in its way
     _log_from_a_thread()
     code = 0
     try:
@@ -592,26 +592,27 @@ def _log_from_a_thread() -> None:
     _listeners.append(listener)
 
 
-def await_stop(stop: Callable[[], None]) -> None:
-    """Start a thread that stops the robot at each `STOP_SIGNAL`; from the main thread.
+def await_signals(then: Mapping[int, Callable[[], None]]) -> None:
+    """Start a thread that calls a function at each signal of these; from the main thread, once.
 
-    It needs no connection, so no program can be in its way. Zenoh's threads may receive the signal:
-    Python then writes its number to the pipe, whatever the main thread does.
+    Zenoh's threads may receive the signal: Python then writes its number to the pipe, whatever the
+    main thread does.
     """
     numbers, written = os.pipe()
     os.set_blocking(written, False)
-    signal.signal(sockets.STOP_SIGNAL, lambda *_: None)
+    for number in then:
+        signal.signal(number, lambda *_: None)
     signal.set_wakeup_fd(written, warn_on_full_buffer=False)
 
     def wait() -> None:
         while number := os.read(numbers, 1):
-            if number[0] == sockets.STOP_SIGNAL:
-                stop()
+            if number[0] in then:
+                then[number[0]]()
 
-    threading.Thread(target=wait, name="stop", daemon=True).start()
+    threading.Thread(target=wait, name="signals", daemon=True).start()
 
 
-def _await_signal(leave: Callable[[], None]) -> None:
+def _await_end(leave: Callable[[], None]) -> None:
     """Start a thread that waits for SIGTERM or SIGINT; call it before there are other threads.
 
     A signal handler does not suffice: if the signal arrives just before the wait for the inbox, the
@@ -625,7 +626,7 @@ def _await_signal(leave: Callable[[], None]) -> None:
         arm_deadline()
         leave()
 
-    threading.Thread(target=wait, name="signals", daemon=True).start()
+    threading.Thread(target=wait, name="end", daemon=True).start()
 
 
 def arm_deadline() -> None:

@@ -76,7 +76,7 @@ class McapFile:
         self.path = path
         self._stream: IO[bytes] = path.open("xb")
         self._writer: Writer = Writer(self._stream)
-        self._schemas: dict[tuple[str, str], int] = {}  # by name and encoding
+        self._schemas: dict[tuple[str, str, bytes], int] = {}  # two kinds may have one name
         # By topic and kind, or a translator's topic: the channel, and its messages so far.
         self._channels: dict[Hashable, tuple[int, int]] = {}
         self._writer.start(profile, f"armadico {about.get(PROFILE, {}).get('version', '')}".strip())
@@ -133,9 +133,10 @@ class McapFile:
         self._writer.add_message(number, at, data, at, sequence)
 
     def _schema(self, name: str, encoding: str, definition: bytes) -> int:
-        if (name, encoding) not in self._schemas:
-            self._schemas[name, encoding] = self._writer.register_schema(name, encoding, definition)
-        return self._schemas[name, encoding]
+        what = name, encoding, definition
+        if what not in self._schemas:
+            self._schemas[what] = self._writer.register_schema(*what)
+        return self._schemas[what]
 
 
 class Gaps:
