@@ -69,7 +69,8 @@ OUTER: Final = radians(200.0)
 SEEN_M: Final = 0.2
 """A reflector is in sight up to this distance behind the first surface: cells are coarse."""
 
-SEEN_SHARE, TRACED_M = pi / HEADINGS, 0.1
+SEEN_SHARE: Final = pi / HEADINGS
+TRACED_M: Final = 0.1
 """The same for far corners, as a share of the distance and a rest: in the two headings beside a
 right-angled corner the walls are nearer by at most this share, and a ray ends up to two cells of
 the grid before a wall."""

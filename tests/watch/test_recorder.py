@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import defstruct
 
 pytest.importorskip("mcap")
 
@@ -33,7 +34,7 @@ from armadico.observe.watching import (
 from armadico.watch.commands import record as command
 from armadico.watch.export import Tables, to_rrd
 from armadico.watch.mcap_records import MAGIC
-from armadico.watch.recorder import TRIES, Gaps, Recording, record
+from armadico.watch.recorder import TRIES, Gaps, McapFile, Recording, record
 from armadico.watch.recordings import RecordingError, Row, rows
 from tests.programs import call
 
@@ -57,6 +58,18 @@ def path(tmp_path: Path) -> Path:
 
 def received(key: str, message: m.Message, at: int = 0, *, on_query: bool = False) -> Received:
     return Received("robot1", key, m.encode(message), at, on_query)
+
+
+def test_two_kinds_of_one_name_keep_their_own_schemas(path: Path) -> None:
+    file = McapFile(path, {})
+    kinds = [defstruct("Alarm", [(field, float)]) for field in ("volts", "metres")]
+    for number, kind in enumerate(kinds):
+        file.add("robot1", f"alarm/{number}", kind, b"{}", 0)
+    file.close()
+    with path.open("rb") as stream:
+        found = {c.topic: s.data for s, c, _ in make_reader(stream).iter_messages() if s}
+    assert b"volts" in found["/robot1/alarm/0"]
+    assert b"metres" in found["/robot1/alarm/1"]
 
 
 def bid(number: int) -> m.BidRecord:

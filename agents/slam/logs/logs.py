@@ -171,8 +171,10 @@ class Log:
             why = f"the scanner repeated one scan exactly while the odometry drove {frozen_m:.0f} m"
             return unknown(why, "check the scanner, and that its driver does not send old scans")
         if blind_m > USELESS_M:
-            why = f"the scanner saw nothing while the odometry drove {blind_m:.0f} m"
-            return unknown(why, "check the scanner; out of its reach the place is by wheels alone")
+            assert isinstance(self.readings, Scans)
+            within = f"within {self.readings.reach:g} m"
+            why = f"no scan saw anything {within} while the odometry drove {blind_m:.0f} m"
+            return unknown(why, "check the scanner, or give it a larger --reach if it has one")
         return yes()
 
     def _useless_m(self) -> tuple[float, float]:
