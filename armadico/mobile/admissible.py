@@ -2,7 +2,9 @@
 
 A command is admissible if the whole motion that it may cause (`motion`) touches nothing that was
 sensed, and stays within what was seen to be free. Unseen is not free: through it a robot may only
-creep, so slowly that its sensors show what comes before it is reached, if they face that way.
+creep, so slowly that its sensors show what comes before it is reached, if they face that way. The
+robot agent admits only what leaves rest admissible in its next cycle, too; otherwise it would admit
+and refuse a command by turns.
 
 The robot agent applies the rule to every command, with its own newest readings and the shortest
 delays (`bridge/reflex.py`). Behaviours apply it with the points of the mesh, wider margins and the
@@ -15,7 +17,7 @@ from collections.abc import Callable
 from math import copysign, hypot, inf
 from typing import NamedTuple
 
-from armadico.mobile.motion import Body, Floats, Speeds, touches_at
+from armadico.mobile.motion import Body, Floats, Speeds, ramped, touches_at
 
 CREEP_M_S = 0.2
 """Speed of the axle's middle, and of a corner that turns, through what nobody has seen. At 0 a
@@ -31,6 +33,8 @@ HALVINGS = 4
 TURNS = (1.0, 0.6, 0.3, 0.0)
 """Shares of the wanted turn rate that are tried. Where a corner of the footprint would hit an
 obstacle, the robot turns less and drives on."""
+
+REST: Speeds = (0.0, 0.0)
 
 OBSTACLE, UNSEEN, TOO_LATE = "an obstacle is in the way", "not seen to be free", "it brakes"
 
@@ -87,8 +91,20 @@ def admit(
         creeps = abs(wanted[0]) + corner * abs(wanted[1]) <= CREEP_M_S
         return not (creeps or clear(view.unseen, wanted, view.apart_m))
 
+    going = starts[-1]
+
+    def can_still_rest(wanted: Speeds) -> bool:
+        """Whether rest will be admissible in the next cycle, when the ramps are on their way."""
+        begun = ramped(body, going, wanted, body.cycle_s)
+        if abs(begun[0]) <= abs(going[0]) and abs(begun[1]) <= abs(going[1]):
+            return True
+        later = waited + body.cycle_s
+        return touches_at(body, begun, REST, view.points, margin, waited=later) == inf
+
     def admissible(wanted: Speeds) -> bool:
-        return clear(view.points, wanted, margin) and not unseen_stops(wanted)
+        if not clear(view.points, wanted, margin) or unseen_stops(wanted):
+            return False
+        return not len(view.points) or can_still_rest(wanted)
 
     found = nearest(command, admissible, CREEP_M_S)
     if found == command:

@@ -401,6 +401,17 @@ def test_what_was_just_commanded_counts_though_the_wheels_do_not_show_it_yet() -
     assert speeds[1] < speeds[0]
 
 
+@pytest.mark.parametrize("away", [0.116, 0.128, 0.14, 0.156])
+def test_what_it_admits_in_one_cycle_it_goes_on_admitting(away: float) -> None:
+    """Of a robot that is held; else it would be ordered on and back by turns, and creep."""
+    reflex, driven, admitted = Reflex(PROFILE), (0.0, 0.0), []
+    for number in range(16):
+        reflex.update(all_round(s3=away, s4=away), ORIGIN, (0.0, 0.0), 0.1 * number, driven=driven)
+        driven = reflex.cap(0.3, 0.0)
+        admitted.append(driven[0])
+    assert max(admitted[5:]) - min(admitted[5:]) < 0.02
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_person_who_comes_nearer_is_expected_to_come_on(side: float) -> None:
     """And what has left the view may be behind the robot by now."""
