@@ -150,6 +150,15 @@ def test_a_scanner_that_shows_nothing_new_while_the_robot_drives_is_unknown(
     assert standing.judgement.passed, "a robot that stands may see the same"
 
 
+def test_a_log_of_which_less_than_half_is_used_is_no_success(tmp_path: Path) -> None:
+    path = np.array(made_logs.driven())
+    path[40:] = np.nan
+    log = logs.read(made_logs.npz(tmp_path / "a.npz", odometry=path))
+    assert (log.used, log.given) == (40, 127)
+    assert log.judgement.answer == "no"
+    assert "40 of 127" in log.judgement.reason
+
+
 def test_rows_without_numbers_are_left_out(tmp_path: Path) -> None:
     path = np.array(made_logs.driven())
     path[5], path[9, 2] = np.nan, 1e300
