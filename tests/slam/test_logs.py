@@ -243,6 +243,17 @@ def test_errors_depend_on_the_seed_and_grow_with_the_share(tmp_path: Path) -> No
     assert 0.02 < off[0.01] < 0.2 * off[0.1] < 2.0
 
 
+def test_errors_have_the_standard_deviations_that_the_share_says() -> None:
+    """Of 10 m ahead: half the share of the way, and so many rad/m; of 10 rad on the spot: all."""
+    way = np.linspace(0.0, 10.0, 101)
+    ahead, turning = way[:, None] * (1.0, 0.0, 0.0), way[:, None] * (0.0, 0.0, 1.0)
+    ends = [
+        (*logs.drifted(ahead, 0.01, seed)[-1], logs.drifted(turning, 0.01, seed)[-1, 2] - 10.0)
+        for seed in range(400)
+    ]
+    assert np.std(ends, axis=0) == pytest.approx([0.05, 0.25, 0.05, 0.1], rel=0.15)
+
+
 # CARMEN -------------------------------------------------------------------------------------------
 
 
