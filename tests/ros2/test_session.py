@@ -73,6 +73,13 @@ def test_without_odometry_it_reports_what_arrives_instead() -> None:
     assert line.notes == [Noted("odom is a geometry_msgs/msg/Pose")]
 
 
+def test_speeds_for_an_absent_robot_are_discarded() -> None:
+    line = Line()
+    line.drive(0.2)
+    line.open()
+    assert set(line.speeds()) == {(0.0, 0.0)}
+
+
 # --- cycles
 
 
