@@ -198,7 +198,7 @@ class Deaf(Attended):
             super()._on_message(key, message, now)
 
 
-def test_old_obstacles_leave_the_answer_unknown() -> None:
+def test_old_obstacles_or_none_at_all_leave_the_answer_unknown() -> None:
     stands = attended(moving=(BOX,), kind=Deaf)
     assert not stands.now().lacks
     assert stands.now().obstacles
@@ -208,6 +208,8 @@ def test_old_obstacles_leave_the_answer_unknown() -> None:
     old = stands.now()
     assert not old.obstacles, "they may be gone"
     assert "what stands around the robot" in judged(old).reason
+    stands.account.obstacles.clear()
+    assert "what stands around the robot" in judged(stands.now()).reason, "they never came"
 
 
 def judged(now: Present) -> Judgement:

@@ -73,6 +73,13 @@ def test_without_odometry_it_reports_what_arrives_instead() -> None:
     assert line.notes == [Noted("odom is a geometry_msgs/msg/Pose")]
 
 
+def test_speeds_for_an_absent_robot_are_discarded() -> None:
+    line = Line()
+    line.drive(0.2)
+    line.open()
+    assert set(line.speeds()) == {(0.0, 0.0)}
+
+
 # --- cycles
 
 
@@ -783,14 +790,26 @@ def test_sonars_are_mounted_as_published() -> None:
 # --- hazards
 
 
-def test_hazards_of_a_create_are_reported_in_the_next_cycle_only() -> None:
+@pytest.mark.parametrize(
+    ("kind", "field", "value"),
+    [
+        (types.BUMP, "front_bumpers", 1),
+        (types.CLIFF, "front_bumpers", 2),
+        (types.BACKUP_LIMIT, "rear_bumpers", 1),
+        (types.STALL, "stalled", True),
+        (types.WHEEL_DROP, "lifted", True),
+    ],
+)
+def test_hazards_of_a_create_are_reported_in_the_next_cycle_only(
+    kind: int, field: str, value: int
+) -> None:
     line = Line(CREATE3).open()
-    line.publish("hazard_detection", hazards((types.BUMP, "front"), (types.STALL, "left")))
+    line.publish("hazard_detection", hazards((kind, "somewhere")))
     line.publish("hazard_detection", hazards())  # it was short
     line.go(0.1)
-    assert (line.report.front_bumpers, line.report.stalled) == (1, True)
+    assert getattr(line.report, field) == value
     line.go(0.1)
-    assert (line.report.front_bumpers, line.report.stalled) == (0, False)
+    assert not getattr(line.report, field)
 
 
 def test_an_object_that_is_near_is_no_hazard() -> None:

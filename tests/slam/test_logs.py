@@ -150,6 +150,15 @@ def test_a_scanner_that_shows_nothing_new_while_the_robot_drives_is_unknown(
     assert standing.judgement.passed, "a robot that stands may see the same"
 
 
+def test_a_log_of_which_less_than_half_is_used_is_no_success(tmp_path: Path) -> None:
+    path = np.array(made_logs.driven())
+    path[40:] = np.nan
+    log = logs.read(made_logs.npz(tmp_path / "a.npz", odometry=path))
+    assert (log.used, log.given) == (40, 127)
+    assert log.judgement.answer == "no"
+    assert "40 of 127" in log.judgement.reason
+
+
 def test_rows_without_numbers_are_left_out(tmp_path: Path) -> None:
     path = np.array(made_logs.driven())
     path[5], path[9, 2] = np.nan, 1e300
@@ -232,6 +241,17 @@ def test_errors_depend_on_the_seed_and_grow_with_the_share(tmp_path: Path) -> No
         for share in (0.01, 0.1)
     }
     assert 0.02 < off[0.01] < 0.2 * off[0.1] < 2.0
+
+
+def test_errors_have_the_standard_deviations_that_the_share_says() -> None:
+    """Of 10 m ahead: half the share of the way, and so many rad/m; of 10 rad on the spot: all."""
+    way = np.linspace(0.0, 10.0, 101)
+    ahead, turning = way[:, None] * (1.0, 0.0, 0.0), way[:, None] * (0.0, 0.0, 1.0)
+    ends = [
+        (*logs.drifted(ahead, 0.01, seed)[-1], logs.drifted(turning, 0.01, seed)[-1, 2] - 10.0)
+        for seed in range(400)
+    ]
+    assert np.std(ends, axis=0) == pytest.approx([0.05, 0.25, 0.05, 0.1], rel=0.15)
 
 
 # CARMEN -------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""A small society for commands in a terminal, and rehearsals as if they were installed."""
+"""A small society for commands in a terminal, and the tool of rehearsals."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from tests.robot.terminal import environment, router, run, society
 __all__ = ["environment", "router", "run", "society"]
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def rehearsals(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The tool is offered although the package of rehearsals may be missing."""
+    """The tool as if the package of rehearsals were installed, which may be missing."""
     monkeypatch.setitem(TOOLS, REHEARSE.name, REHEARSE)

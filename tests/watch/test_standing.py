@@ -201,6 +201,19 @@ def test_an_agent_that_has_just_started_has_not_failed_yet() -> None:
     assert sorts == [Sort.STARTING, Sort.STARTING, Sort.DEVICE]
 
 
+def test_a_fault_on_the_robot_agents_card_is_quoted() -> None:
+    known = Observed().view
+    robot = next(each for each in known.agents if each.name == "robot")
+    assert robot.card is not None
+    view = View()
+    view.token(robot.instance, there=True, t=0.0)
+    view.learn(replace(robot.card, fault="Rob is a p3dx, and not a p2dx"), 100.0)
+    found = standing(view, 100.1)
+    assert found.cause is not None
+    assert found.cause.sort is Sort.DEVICE
+    assert "not a p2dx" in found.cause.what
+
+
 def test_an_input_that_has_just_returned_is_not_reported_as_missing() -> None:
     """Bids are queried once per second: a missing input may have arrived since."""
     society = Observed().drive()

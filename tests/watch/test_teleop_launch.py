@@ -164,6 +164,24 @@ def test_without_a_mission_a_hand_drives_and_the_robot_brakes_when_it_is_gone() 
     driven.smooth()
 
 
+def test_the_stop_wins_and_the_hand_drives_on_once_it_is_released() -> None:
+    driven = ByHand()
+    driven.begin()
+    hand = Hand(driven.run, "ann")
+    hand.push(1.0, 0.0)
+    driven.let_pass(1.0)
+    driven.run.client.stop(by="bob")
+    stopped_at = driven.truth.x
+    driven.let_pass(5.0)
+    assert driven.truth.x == pytest.approx(stopped_at, abs=0.01)
+    assert driven.status.note == "stopped by bob"
+    assert driven.status.hand == "ann"
+    driven.run.client.resume(by="bob")
+    driven.let_pass(3.0)
+    assert driven.by_hand
+    assert driven.truth.v > 0.3
+
+
 def test_a_speed_limit_that_is_set_live_is_kept_without_a_jerk() -> None:
     driven = ByHand()
     driven.begin()

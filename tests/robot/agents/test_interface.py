@@ -238,6 +238,17 @@ def test_once_reached_there_is_no_trajectory_any_more(driving: Desk) -> None:
     assert driving.last(MissionStatus).state is MissionState.REACHED
 
 
+def test_who_gives_the_end_of_the_mission_back_does_not_undo_that_it_was_reached(
+    driving: Desk,
+) -> None:
+    driving.moved(1.0)
+    driving.moved(3.0)
+    driving.agent.kernel.receive(driving.last(Trajectory), driving.agent.now)
+    for _ in range(12):
+        driving.moved(3.0)
+    assert driving.last(MissionStatus).state is MissionState.REACHED
+
+
 def test_the_trajectory_is_said_again_each_second_with_the_leg_for_latecomers(
     driving: Desk,
 ) -> None:
@@ -293,6 +304,19 @@ def test_one_that_starts_again_after_the_goal_begins_nothing(driving: Desk) -> N
         other.moved(3.0)
     assert other.last(MissionStatus).state is MissionState.NONE
     assert not any(trajectory.waypoints for trajectory in other.all(Trajectory))
+
+
+def test_a_mission_that_it_is_told_late_goes_on_too(desk: Desk) -> None:
+    told = Trajectory(7, 42, (DOOR, GOAL), Point(0.0, 0.0), 0)
+    for _ in range(12):
+        desk.moved(0.0)
+    desk.give(told)
+    desk.moved(0.5)
+    desk.moved(0.5)
+    assert (desk.last(MissionStatus).state, desk.last(MissionStatus).mission) == (
+        MissionState.DRIVING,
+        42,
+    )
 
 
 @pytest.mark.parametrize(

@@ -15,18 +15,19 @@ from armadico.core.installed import load_all
 
 @pytest.fixture
 def third_party(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Another package with an agent of its own, and a module that ends the program."""
+    """Another package with an agent, what is none, and a module that ends the program."""
     (tmp_path / "elsewhere.py").write_text(
         '"""An agent from elsewhere.\n\nMore."""\n'
         "from armadico.core.agent import Agent\n"
         "class Dance(Agent):\n    name = 'dance'\n"
+        "class Chair: ...\n"
     )
     info = tmp_path / "elsewhere-2.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: elsewhere\nVersion: 2.0\n")
     (info / "entry_points.txt").write_text(
         "[armadico.agents]\n"
-        "dance = elsewhere:Dance\nends = elsewhere_ends:Agent\n"
+        "dance = elsewhere:Dance\nchair = elsewhere:Chair\nends = elsewhere_ends:Agent\n"
         "[armadico.messages]\nends = elsewhere_ends\n"
     )
     (tmp_path / "elsewhere_ends.py").write_text("import sys\nsys.exit(7)\n")
@@ -49,3 +50,8 @@ def test_a_module_that_ends_the_program_is_named_and_ends_nothing(
         discovery.agent_class("ends")
     load_all.__wrapped__()
     assert "package elsewhere: armadico.messages, ends = elsewhere_ends is left out" in caplog.text
+
+
+def test_what_is_no_agent_is_refused(third_party: Path) -> None:
+    with pytest.raises(ImportError, match=r"^chair \(elsewhere:Chair\) .*Agent"):
+        discovery.agent_class("chair")

@@ -138,6 +138,14 @@ def test_a_map_that_does_not_fit_on_the_disk_leaves_the_one_before(
     assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 
+def test_where_a_folder_is_no_map_is_written_nor_half_of_one(tmp_path: Path) -> None:
+    (tmp_path / "room.yaml").mkdir()
+    for attempt in (lambda file: grid_map.save(room(), file), grid_map.check_writable):
+        with pytest.raises(IsADirectoryError):
+            attempt(tmp_path / "room.yaml")
+    assert [file.name for file in tmp_path.iterdir()] == ["room.yaml"]
+
+
 @pytest.mark.parametrize("protected", ["a.yaml", "a.pgm"])
 def test_a_file_that_is_read_only_is_not_replaced(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, protected: str

@@ -92,6 +92,13 @@ def test_a_controller_is_gotos_and_an_exchange_every_behaviours() -> None:
     assert not any("exchange" in one for one in sets["encoder"])
 
 
+def test_a_scenarios_speed_limit_is_told_to_all_that_drive() -> None:
+    slow = msgspec.structs.replace(SC4, v_max=0.4)
+    sets = by_name(scenario=slow)
+    assert all("v_max=0.4" in sets[name] for name in ("goto", "avoid", "gothrough"))
+    assert not any("v_max" in one for one in sets["encoder"])
+
+
 def test_what_the_command_line_says_comes_after_the_set_and_wins() -> None:
     sets = by_name(Options(parameters="thesis", exchange="abrupt"))
     assert sets["goto"][-1] == "social.exchange=abrupt"

@@ -23,9 +23,9 @@ from armadico.config.scenarios import Scenario, ideal, load_scenario
 from armadico.config.shipped import resource_path
 from armadico.core.agent import Agent
 from armadico.core.discovery import AGENTS, load
-from armadico.core.messages import Ack, Log, Message, RobotState, Stop, encode
+from armadico.core.messages import Ack, Description, Log, Message, RobotState, Stop, encode
 from armadico.core.resources import WHEELS
-from armadico.core.services import services
+from armadico.core.services import service_of, services
 from armadico.launch.attached import AttachedRun
 from armadico.launch.client import Client
 from armadico.launch.society import Options, members
@@ -156,6 +156,22 @@ def test_a_run_on_another_map_of_the_same_name_is_refused() -> None:
         AttachedRun(rooms, Options(), VirtualSession(rehearsal.mesh)) as run,
     ):
         run.run()
+
+
+def test_a_run_whose_robot_has_another_controller_now_ends_with_the_reason() -> None:
+    rehearsal = Rehearsal(replace(LINE, goal=None), Options())
+    there = VirtualSession(rehearsal.mesh)
+
+    def exchange(watch: RunWatch) -> None:
+        about = watch.view.description
+        assert about is not None
+        there.publish(service_of(Description).key, replace(about, controller="another"))
+
+    with (
+        pytest.raises(RunFailedError, match=r"controller is another now, .* of two robots"),
+        AttachedRun(LINE, Options(), VirtualSession(rehearsal.mesh)) as run,
+    ):
+        run.run(exchange)
 
 
 def test_a_goal_without_a_heading_is_looked_at_from_where_the_robot_is() -> None:

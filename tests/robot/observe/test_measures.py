@@ -421,6 +421,17 @@ def test_only_the_robots_own_simulator_counts_and_another_is_a_stranger() -> Non
     assert not run.watch.mixed
 
 
+def test_another_controller_during_a_run_is_named() -> None:
+    run = Run(truth=False)
+    run.show(described("a"))
+    run.begin()
+    run.cycle(0.0)
+    run.show(described(""))  # a new robot agent does not know its controller yet
+    assert not run.watch.mixed
+    run.show(described("b"))
+    assert run.watch.mixed == "b"
+
+
 def test_a_controller_whose_name_comes_late_is_no_other_one() -> None:
     """That of a ROS 2 node is discovered after its odometry."""
     run = Run(truth=False)

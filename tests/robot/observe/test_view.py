@@ -96,6 +96,14 @@ def test_the_robot_is_lost_as_long_as_its_pose_is_too_uncertain() -> None:
     assert view.pose_text(29.0) == "+-0.10 m, +-6 deg, by the wheels alone for 12 s"
 
 
+def test_confidence_is_that_of_a_fresh_correction() -> None:
+    view = View()
+    assert view.confidence(0.0) is None
+    view.learn(Correction(m.Cycle(1, 1), 0, 0, 0, (0.0,) * 6, 0.9), 1.0)
+    assert view.confidence(1.0 + QUIET_S) == 0.9
+    assert view.confidence(1.1 + QUIET_S) is None
+
+
 # Resources ----------------------------------------------------------------------------------------
 
 

@@ -47,6 +47,13 @@ def test_where_it_is_and_what_it_does(driven: tuple[Observed, Society]) -> None:
     assert not society.where(observed.mesh.now + 1.0)["connected"]
 
 
+def test_the_agents_that_are_alive(driven: tuple[Observed, Society]) -> None:
+    agents = {row["name"]: row for row in driven[1].who()["agents"]}
+    assert {"robot", "encoder", "goto", "assistant"} <= agents.keys()
+    assert agents["goto"]["resources"] == ("wheels",)
+    assert agents["assistant"]["resources"] == ()
+
+
 @pytest.mark.long
 def test_the_picture_has_the_walls_the_robot_and_its_goal(
     driven: tuple[Observed, Society],

@@ -481,6 +481,7 @@ def test_a_slow_call_of_one_client_does_not_delay_the_question_after_another_one
     busy.set()
 
 
+@pytest.mark.usefixtures("rehearsals")
 def test_a_rehearsal_delays_no_other_call_and_there_is_one_at_a_time(
     house: Gazetteer, busy: threading.Event
 ) -> None:
@@ -507,6 +508,7 @@ def test_a_rehearsal_delays_no_other_call_and_there_is_one_at_a_time(
     assert served.ask("rehearse", mission="rounds")["refused"] == "no agent 'x'"
 
 
+@pytest.mark.usefixtures("rehearsals")
 @pytest.mark.parametrize(
     ("why", "against", "virtual", "answer"),
     [
@@ -538,6 +540,7 @@ def test_what_the_policy_has_against_a_goal_is_told_with_its_rehearsal(
     assert found["text"] == (f"{why}. The rehearsal: driven" if why else "driven")
 
 
+@pytest.mark.usefixtures("rehearsals")
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [

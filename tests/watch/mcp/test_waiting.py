@@ -8,6 +8,7 @@ from armadico.core.messages import Cycle, RobotState, Stop
 from armadico.launch.client import SILENCE_S
 from armadico.mobile.messages import MissionState, MissionStatus
 from armadico.observe.jsons import JsonObject
+from armadico.watch.assistant.messages import AssistantRecord, AssistantReply, AssistantRequest
 from armadico.watch.mcp.answers import Society
 from armadico.watch.mcp.waiting import Wait
 
@@ -62,6 +63,17 @@ def test_the_report_on_an_older_goal_is_not_the_end_of_this_one() -> None:
     assert waits.end(society(older), 2.0) is None
     found = ended(waits, society(older, at=1.0 + SILENCE_S), 1.1 + SILENCE_S)
     assert found["end"] == "superseded", "it never came"
+
+
+def test_a_goal_that_another_one_replaced_names_who_ordered_that() -> None:
+    waits, replaced = wait(), society(DRIVING)
+    assert waits.end(replaced, 1.5) is None
+    request = AssistantRequest("goto", "{}", "another model")
+    replaced.update("assistant/record", AssistantRecord(1, request, AssistantReply(mission=8)), 2.0)
+    replaced.update("mission/status", MissionStatus(OTHER, MissionState.DRIVING, 4.0), 2.0)
+    found = ended(waits, replaced, 2.0)
+    assert found["end"] == "superseded"
+    assert "another model" in str(found["text"])
 
 
 def test_a_stop_ends_the_wait_since_only_a_person_ends_the_stop() -> None:

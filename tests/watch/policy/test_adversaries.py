@@ -214,6 +214,7 @@ def test_a_distance_from_people_that_sonars_cannot_tell_is_warned_of(
     assert sum(BY_SONARS in log.text for log in house.of(Log)) == warned
 
 
+@pytest.mark.usefixtures("rehearsals")
 @pytest.mark.parametrize(
     ("policy", "against"),
     [

@@ -193,6 +193,7 @@ def test_what_has_changed_meanwhile_counts(tmp_path: Path) -> None:
     assert not desk.queries
 
 
+@pytest.mark.usefixtures("rehearsals")
 @pytest.mark.parametrize(
     ("tool", "order", "trial"),
     [

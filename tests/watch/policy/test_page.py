@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from armadico.observe.page_part import Desk
+from armadico.observe.page_part import Answer, Desk, Put
 from armadico.observe.view import View
 from armadico.watch.assistant.assistant import Assistant
 from armadico.watch.assistant.keeper import Parameters
 from armadico.watch.assistant.messages import AssistantReply, AssistantRequest
 from armadico.watch.assistant.policy.messages import (
+    Answered,
     Approval,
+    ApprovalAnswer,
     Approvals,
+    Choice,
 )
-from armadico.watch.assistant.policy.page import STALE_S, Waiting
+from armadico.watch.assistant.policy.page import STALE_S, Approve, Waiting
+from armadico.watch.page.model import reader
 from tests.watch.page.stage import Stage
 
 APPROVAL = Approval(
@@ -36,6 +40,21 @@ def test_what_waits_is_shown_while_an_assistant_says_so() -> None:
     assert "(6.90, 2.00)" in row["what"]
     part.show(shown, 1.5 + STALE_S)
     assert shown["approvals"] == []
+
+
+def test_an_answer_is_sent_with_its_browser_and_told() -> None:
+    desk = Desk(View(), lambda: 1)
+    part = Waiting(desk)
+    request = reader().read(
+        '{"do": "approve", "id": 3, "robot": "r", "code": "902ff418", "choice": "always"}'
+    )
+    assert isinstance(request, Approve)
+    part.request("a browser", request, 2.0)
+    (put,) = desk.drain()
+    assert isinstance(put, Put)
+    assert put.message == ApprovalAnswer("902ff418", Choice.ALWAYS, "a browser")
+    desk.on_reply(put.number, Answered(refusal="it is over: denied by ann"))
+    assert desk.drain() == [Answer("a browser", 3, False, "it is over: denied by ann")]
 
 
 def test_a_person_says_yes_on_the_page_and_the_robot_drives(tmp_path: Path) -> None:

@@ -323,6 +323,7 @@ def test_a_goal_whose_path_is_planned_for_the_policy_is_taken_back_by_its_client
     assert watched.queries[-1] is not query, "the next one is planned"
 
 
+@pytest.mark.usefixtures("rehearsals")
 def test_a_rehearsal_keeps_no_order_waiting_and_is_none_that_can_be_cancelled(
     tmp_path: Path,
 ) -> None:
@@ -347,6 +348,7 @@ def test_a_rehearsal_keeps_no_order_waiting_and_is_none_that_can_be_cancelled(
     assert watched.replies[number] == AssistantReply()
 
 
+@pytest.mark.usefixtures("rehearsals")
 def test_a_rehearsal_at_the_start_keeps_no_order_waiting(tmp_path: Path) -> None:
     desk = Desk(tmp_path, POLICY)
     assert desk.request("rehearse", x=4, y=1.5) is None
