@@ -23,10 +23,11 @@ from pathlib import Path
 from pkgutil import walk_packages
 from typing import Any, NoReturn
 
+from cyclonedds.idl import IdlStruct
+
 import armadico
 import armadico_tools
 from armadico import __main__, cli
-from armadico.bridge.ros2.addresses import join, read_address
 from armadico.cli import completion, pool
 from armadico.cli.options import FailedError
 from armadico.core.discovery import AGENTS, COMMANDS, installed
@@ -97,8 +98,11 @@ def main(seed: str, cases: str, *names: str) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     signal.signal(signal.SIGALRM, signal.default_int_handler)
     _cut_off()
-    with contextlib.suppress(OSError):  # DDS describes its types once; nor can that go on halfway
-        join(read_address("ros2://"), "warm").close()
+    kinds = IdlStruct.__subclasses__()
+    while kinds:  # DDS describes its types once; nor can that go on halfway
+        kind = kinds.pop()
+        kinds += kind.__subclasses__()
+        kind.__idl__.populate()
     _put_files()
     rng = random.Random(int(seed))
     for name, found in installed(COMMANDS).items():

@@ -275,12 +275,15 @@ def test_the_simulated_robot_is_the_scenarios(apart: None) -> None:
 
 
 @pytest.mark.long
-def test_a_run_whose_simulator_dies_ends_as_unknown_and_says_so(apart: None) -> None:
+def test_a_run_whose_simulator_dies_ends_as_unknown_and_says_so(
+    apart: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("armadico.launch.run.SILENT_S", 1.5)
     said: list[str] = []
 
     with (
         mesh_of(NAMESPACE) as mesh,
-        Launcher(LINE, Options(), mesh, NAMESPACE, silent_s=1.5) as launcher,
+        Launcher(LINE, Options(), mesh, NAMESPACE) as launcher,
     ):
 
         def cut(watch: RunWatch) -> None:
@@ -297,12 +300,13 @@ def test_a_run_whose_simulator_dies_ends_as_unknown_and_says_so(apart: None) -> 
 
 @pytest.mark.long
 def test_a_run_in_which_nobody_can_drive_any_more_ends_and_names_who_is_missing(
-    apart: None,
+    apart: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("armadico.launch.run.IDLE_S", 1.5)
     said: list[str] = []
     with (
         mesh_of(NAMESPACE) as mesh,
-        Launcher(LINE, Options(), mesh, NAMESPACE, idle_s=1.5) as launcher,
+        Launcher(LINE, Options(), mesh, NAMESPACE) as launcher,
     ):
 
         def kill(watch: RunWatch) -> None:
