@@ -279,7 +279,8 @@ def answer(
         chance = 0.0  # the planner decides, no draw does
     unseen = max((unseen_m(run.unseen) for run in runs), default=0.0)
     missing = [*lacks]
-    if stands * (1.0 - past) > RISK:
+    shown = past if despite[1] or not put else 0.0  # none ended: nothing speaks for getting past it
+    if stands * (1.0 - shown) > RISK:
         missing.append(
             f"what stands on the {hidden:.1f} m of the way that are out of sight: something that"
             f" the map does not have, with a probability of {stands:.0%}"

@@ -889,6 +889,8 @@ PLAIN = Sample(seed=0, end=ARRIVED, time_s=20.0, way_m=8.0, hidden_m=6.0)
         (9, (ARRIVED, ARRIVED), Answer.YES),
         (9, (ARRIVED, "failed"), Answer.UNKNOWN),
         (9, ("failed", UNENDED), Answer.UNKNOWN),
+        (1, (UNENDED, ARRIVED), Answer.YES),
+        (1, (UNENDED, UNENDED), Answer.UNKNOWN),
     ],
 )
 def test_way_out_of_sight_is_unknown_if_what_may_stand_there_would_stop_the_robot(
