@@ -86,6 +86,8 @@ def run(args: Options) -> int:
 
     places = options.gazetteer(args.world, args.mesh.namespace)
     guard = None
+    if args.http is None and args.token:
+        raise UsageError("--token is for --http; a program on standard input needs none")
     if args.http is not None:  # a token is needed everywhere
         guard = guard_of(args.http.host, _given(args.token) or secrets.token_urlsafe(24))
     sets = _settings(args, None if places is None else places.world)

@@ -13,8 +13,10 @@ from typing import Any
 
 import pytest
 
+from armadico.cli.options import UsageError
 from armadico.config.named import DATA_VARIABLE, Gazetteer
 from armadico.mobile.messages import MissionState, MissionStatus
+from armadico.watch.commands import mcp
 from armadico.watch.mcp.answers import Society
 from armadico.watch.mcp.http import MOST, PATH, Door
 from armadico.watch.mcp.lines import LONGEST, STATELESS
@@ -133,6 +135,11 @@ def test_without_the_token_nothing_is_answered_but_a_stop(
     assert served.guest.requests == []
     status, _, found = served.post(call("stop"), headers)
     assert (status, found["result"]["structuredContent"]["stopped"]) == (200, True)
+
+
+def test_a_token_without_http_is_refused() -> None:
+    with pytest.raises(UsageError, match="--http"):
+        mcp.main(["--token", "0123456789abcdef"])
 
 
 @pytest.mark.parametrize(
