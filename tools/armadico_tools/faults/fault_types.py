@@ -94,7 +94,11 @@ def _ranges(name: str, sensors: str) -> tuple[Kind, ...]:
         Kind(
             f"silent-{name}", f"the {sensors} report nothing", breaks=False, blinds=True, only=name
         ),
-        Kind(f"frozen-{name}", f"the {sensors} repeat their last ranges", **repeats),
+        Kind(
+            *(f"frozen-{name}", f"the {sensors} repeat their last ranges"),
+            blinds=name == "laser",  # as a laser has noise, the robot notices, and stands
+            **repeats,
+        ),
         Kind(f"repeating-{name}", f"the {sensors} repeat their last five readings", **repeats),
         Kind(f"biased-{name}", f"the {sensors} report ranges too long or too short", **biased),
     )
