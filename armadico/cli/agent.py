@@ -16,6 +16,7 @@ from armadico.cli import options
 from armadico.cli.options import UsageError
 from armadico.cli.parsing import Command, argument, flag, group, option, several
 from armadico.core.discovery import AGENTS, agent_class, installed, owners
+from armadico.runtime.signals import ending
 
 if TYPE_CHECKING:
     from armadico.core.agent import Agent, Parameters
@@ -93,12 +94,12 @@ def _list(*, as_json: bool) -> None:
 
 @contextmanager
 def _signals_held() -> Iterator[None]:
-    """Block SIGTERM and SIGINT until `serve` waits for them.
+    """Block the signals that end it until `serve` waits for them.
 
     Imported libraries such as numpy start threads. A thread that does not block a signal would
     receive it instead of the waiting thread.
     """
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGTERM, signal.SIGINT))
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ending())
     try:
         yield
     finally:

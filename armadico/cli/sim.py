@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import secrets
-import signal
 import sys
 import threading
 import time
@@ -142,6 +141,7 @@ def run(args: Options) -> int:
     except ValueError as error:  # two robots overlap
         raise options.UsageError(f"--also: {error}") from None
     with ExitStack() as stack:
+        ended = _ended()  # from here on there is something to leave behind
         line, where = _line(args, robots[0].name, stack)
         served, places = [(robots[0], line)], [where]
         _show(robots[0], mesh, stack)
@@ -160,7 +160,7 @@ def run(args: Options) -> int:
         if args.ros2 is not None:
             drive = f"armadico run SCENARIO --robot '{places[0]}' --profile {args.robot}"
             print(f"drive it with: {drive}", flush=True)
-        _run(served)
+        _run(served, ended)
     return 0
 
 
@@ -380,10 +380,9 @@ def _in_network(args: Options, name: str, stack: ExitStack) -> Line:
         raise options.FailedError(f"--ros2: {error}") from None
 
 
-def _run(served: Sequence[tuple[SimulatedRobot, Line]]) -> None:
-    """Serve until interrupted: the first robot in this thread, the others in threads."""
-    from armadico.bridge.simulator.server import Pace, Simulation
-    from armadico.runtime.process import arm_deadline, await_signals
+def _ended() -> threading.Event:
+    """An event that a signal sets; the process ends soon after it, whatever hangs."""
+    from armadico.runtime.signals import arm_deadline, await_signals, ending
 
     ended = threading.Event()
 
@@ -391,7 +390,14 @@ def _run(served: Sequence[tuple[SimulatedRobot, Line]]) -> None:
         arm_deadline()  # a mesh whose router has just been killed may hang
         ended.set()
 
-    await_signals({signal.SIGINT: leave, signal.SIGTERM: leave})
+    await_signals(dict.fromkeys(ending(), leave))
+    return ended
+
+
+def _run(served: Sequence[tuple[SimulatedRobot, Line]], ended: threading.Event) -> None:
+    """Serve until interrupted: the first robot in this thread, the others in threads."""
+    from armadico.bridge.simulator.server import Pace, Simulation
+
     pace, turn = Pace(), threading.Lock() if len(served) > 1 else None
     first, *others = (Simulation(robot, line, pace=pace, turn=turn) for robot, line in served)
     threads = [threading.Thread(target=other.run, args=(ended.is_set,)) for other in others]

@@ -32,13 +32,21 @@ from armadico.agents.supervision.wakeup import (
 from armadico.core.discovery import agent_class, owners
 from armadico.core.resources import WHEELS
 from armadico.core.restart_policy import Budget
-from armadico.launch.processes import SIMULATOR, Process, ProcessTable, ending, logs_folder
+from armadico.launch.processes import (
+    SIMULATOR,
+    Process,
+    ProcessTable,
+    ending,
+    logs_folder,
+    undisturbed,
+)
 from armadico.launch.programs import LEAVE_S
 from armadico.launch.society import Member, processes
 from armadico.mesh.sockets import STOP_SIGNAL
 from armadico.observe.journals import head
 from armadico.runtime.errors import RunFailedError
-from armadico.runtime.process import AgentHost, await_signals, identity
+from armadico.runtime.process import AgentHost, identity
+from armadico.runtime.signals import await_signals
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario
@@ -201,13 +209,14 @@ class Upkeep:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if self._thread.is_alive():
-            self._agents.request_stop()
-            self._thread.join(LEAVE_S)
-        self.table.end()
-        self._relay()
-        if self._well and (kind is None or issubclass(kind, KeyboardInterrupt)):
-            self.table.remove_logs()
+        with undisturbed():
+            if self._thread.is_alive():
+                self._agents.request_stop()
+                self._thread.join(LEAVE_S)
+            self.table.end()
+            self._relay()
+            if self._well and (kind is None or issubclass(kind, KeyboardInterrupt)):
+                self.table.remove_logs()
 
     def start(self) -> None:
         """Start all processes. Raises RunFailedError if the simulator does not start."""

@@ -20,7 +20,6 @@ import logging.handlers
 import os
 import queue
 import random
-import signal
 import socket
 import sys
 import threading
@@ -60,6 +59,7 @@ from armadico.runtime.inbox import Inbox
 from armadico.runtime.port import Port
 from armadico.runtime.port_reader import Device
 from armadico.runtime.seals import Seals
+from armadico.runtime.signals import arm_deadline, await_end, await_signals
 
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
@@ -79,7 +79,6 @@ SENDING_S: Final = 0.001
 BUNCHED_S: Final = 0.02
 
 JOIN_POLL_S: Final = 0.2  # how often a process that waits for its router checks whether to end, s
-LEAVE_S: Final = 3.0  # timeout from the signal to the end of the process, whatever hangs
 BY_SIGNAL: Final = "armadico stop"  # which sends the signal
 LOG_LINES: Final = 1000  # lines that wait for a blocked terminal or disk; further ones are dropped
 
@@ -527,12 +526,12 @@ def serve(
 ) -> NoReturn:
     """Run agents as this process, from joining the mesh to the end of the process.
 
-    SIGTERM and SIGINT end it in order, with exit code 0. An agent's exception is logged, exit code
-    1; a conflicting instance gives 2. The process then ends within `LEAVE_S`, if necessary by
+    The signals of `ending` end it in order, with exit code 0. An agent's exception is logged, exit
+    code 1; a conflicting instance gives 2. The process then ends within `LEAVE_S`, if necessary by
     SIGALRM: neither Zenoh's threads nor a hanging agent can delay it.
     """
     host = AgentHost(agents, mesh, connect, wall=wall, head=head, door=mesh.door)
-    _await_end(host.request_stop)
+    await_end(host.request_stop)
     await_signals({sockets.STOP_SIGNAL: host.latch})  # without a connection: none can be in its way
     _log_from_a_thread()
     code = 0
@@ -590,46 +589,3 @@ def _log_from_a_thread() -> None:
     root.handlers[:] = [_Queued(lines)]
     listener.start()
     _listeners.append(listener)
-
-
-def await_signals(then: Mapping[int, Callable[[], None]]) -> None:
-    """Start a thread that calls a function at each signal of these; from the main thread, once.
-
-    Zenoh's threads may receive the signal: Python then writes its number to the pipe, whatever the
-    main thread does.
-    """
-    numbers, written = os.pipe()
-    os.set_blocking(written, False)
-    for number in then:
-        signal.signal(number, lambda *_: None)
-    signal.set_wakeup_fd(written, warn_on_full_buffer=False)
-
-    def wait() -> None:
-        while number := os.read(numbers, 1):
-            if number[0] in then:
-                then[number[0]]()
-
-    threading.Thread(target=wait, name="signals", daemon=True).start()
-
-
-def _await_end(leave: Callable[[], None]) -> None:
-    """Start a thread that waits for SIGTERM or SIGINT; call it before there are other threads.
-
-    A signal handler does not suffice: if the signal arrives just before the wait for the inbox, the
-    handler runs only after that wait, which without messages is never.
-    """
-    ending = {signal.SIGTERM, signal.SIGINT}
-    signal.pthread_sigmask(signal.SIG_BLOCK, ending)  # inherited by every thread from here on
-
-    def wait() -> None:
-        signal.sigwait(ending)
-        arm_deadline()
-        leave()
-
-    threading.Thread(target=wait, name="end", daemon=True).start()
-
-
-def arm_deadline() -> None:
-    """Start the timer that kills this process after `LEAVE_S`, unless it runs already."""
-    if signal.getitimer(signal.ITIMER_REAL)[0] == 0.0:
-        signal.setitimer(signal.ITIMER_REAL, LEAVE_S)

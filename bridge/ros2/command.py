@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -59,7 +58,7 @@ def run(args: Options) -> int:
     meshes = args.mesh.join_each(ROS2)
     namespaces = [mesh.namespace for mesh in meshes]
     societies = _societies(args, namespaces, address.namespace)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    options.end_as_by_ctrl_c()
     from armadico.bridge.ros2.gateway.gateway import serve
 
     with ExitStack() as stack:

@@ -66,14 +66,19 @@ def grown(path: Path, size: int) -> None:
 
 
 @pytest.mark.long
-def test_a_recording_has_everything_and_ctrl_c_closes_it(
-    run: Run, environment: dict[str, str], society: Society, tmp_path: Path
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGHUP])
+def test_a_recording_has_everything_and_a_signal_closes_it(
+    run: Run,
+    environment: dict[str, str],
+    society: Society,
+    tmp_path: Path,
+    ending: signal.Signals,
 ) -> None:
     pytest.importorskip("mcap")
     path = tmp_path / "run.mcap"
     with recorder(environment, path) as process:
         grown(path, 20_000)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(ending)
         _, said = process.communicate(timeout=SOON)
     assert process.returncode == 0
     assert "closed" in said

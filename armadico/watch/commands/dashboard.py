@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import Command, flag, group, option
+from armadico.runtime.signals import ending
 from armadico.watch.beside import STARTING
 from armadico.watch.screen import has_screen
 
@@ -149,7 +150,7 @@ def _show(args: Options, world: World | None) -> int:
             stack.enter_context(mesh)
         scenes = [Scene(recording, world, space, zones()) for space in spaces]
         live = Live(meshes, scenes, options.reporter("armadico dashboard"))
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in ending():
             signal.signal(number, lambda *_: live.stop())
         window = _open(args, uri)
         if window is not None:

@@ -136,6 +136,7 @@ def _record(args: Options, meshes: Sequence[ZenohMesh]) -> tuple[int, int]:
     """Record until it ends; return the numbers of messages, and of those that were lost."""
     from armadico.observe.translators import translators
     from armadico.observe.watching import Watcher
+    from armadico.runtime.signals import ending
     from armadico.watch.recorder import Recording, record
 
     namespaces = [mesh.namespace for mesh in meshes]
@@ -148,7 +149,7 @@ def _record(args: Options, meshes: Sequence[ZenohMesh]) -> tuple[int, int]:
     watcher = Watcher(meshes)
     begun = time.monotonic()
     signals: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):  # a message that is being written is completed
+    for number in ending():  # a message that is being written is completed
         signal.signal(number, lambda number, _: signals.append(number))
     try:
         record(

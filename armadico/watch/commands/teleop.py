@@ -8,13 +8,12 @@ import re
 import secrets
 import select
 import shutil
-import signal
 import socket
 import sys
 import termios
 import tty
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Final
@@ -153,6 +152,7 @@ def run(args: Options) -> int:
         raise options.UsageError(
             "teleop needs a terminal for its keys; programs publish teleop/stick/HAND instead"
         )
+    options.end_as_by_ctrl_c()
     mesh = args.mesh.join()
     from armadico.core.messages import RobotState
     from armadico.launch.client import Client
@@ -224,18 +224,13 @@ def _await(client: Client, process: Process, name: str) -> None:
 def _raw(terminal: int) -> Iterator[None]:
     """Read single keys without echo; restore the terminal in any case."""
     before = termios.tcgetattr(terminal)
-    ended = signal.signal(signal.SIGTERM, _leave)
     try:
         tty.setcbreak(terminal)
         yield
     finally:
-        termios.tcsetattr(terminal, termios.TCSADRAIN, before)
-        signal.signal(signal.SIGTERM, ended)
-        print(flush=True)
-
-
-def _leave(*_: object) -> None:
-    raise KeyboardInterrupt  # the normal way out, with all cleanups
+        with suppress(termios.error, OSError):  # it is closed
+            termios.tcsetattr(terminal, termios.TCSADRAIN, before)
+            print(flush=True)
 
 
 def _pressed(terminal: int) -> list[str]:

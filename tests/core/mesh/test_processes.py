@@ -49,7 +49,7 @@ def test_an_agent_that_is_killed_is_seen_to_go(client: Client, spawn: Spawn) -> 
     assert there(client, 0)
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_an_agent_ends_in_order_on_a_signal(
     client: Client, spawn: Spawn, number: signal.Signals
 ) -> None:

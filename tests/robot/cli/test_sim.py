@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import select
+import signal
 import socket
 import subprocess
 import sys
@@ -236,6 +237,22 @@ def test_the_command_says_where_it_listens_and_answers_there() -> None:
                 assert client.recv(100) == bytes([0xFA, 0xFB, 3, 0, 0, 0])
             process.terminate()
             assert process.wait(SOON) == 0
+        finally:
+            process.kill()
+
+
+@pytest.mark.live
+def test_a_simulator_whose_terminal_is_closed_leaves_no_link(tmp_path: Path) -> None:
+    link = tmp_path / "pioneer"
+    command = [str(Path(sys.executable).with_name("armadico")), "sim", "sc1", "--pty", str(link)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            assert str(link) in process.stdout.readline()
+            assert link.is_symlink()
+            process.send_signal(signal.SIGHUP)
+            assert process.wait(SOON) == 0
+            assert not link.is_symlink()
         finally:
             process.kill()
 

@@ -1,12 +1,18 @@
-"""Which log lines `up` passes on, and the truncation of long logs."""
+"""Which log lines `up` passes on, the truncation of long logs, and how `up` ends."""
 
 from __future__ import annotations
 
+import os
+import signal
+import threading
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
-from armadico.launch.supervisor import Tail
+from armadico.launch.supervisor import Plan, Tail, Upkeep
+from armadico.runtime.process import AgentHost
+from tests.core.mesh.fakes import FakeMesh
 
 STAMP = "12:00:00.123 goto"
 
@@ -76,3 +82,28 @@ def test_a_deleted_log_is_no_error(log: Path) -> None:
     tail.turn()
     write(log, f"{STAMP} ERROR two")
     assert tail.loud() == ["goto: ERROR two"]
+
+
+def test_a_second_signal_does_not_cut_the_end_short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else the processes end all at once, and `up` has ended before them."""
+    left = threading.Event()
+
+    def request_stop(_: AgentHost) -> None:
+        os.kill(os.getpid(), signal.SIGTERM)
+        left.set()
+
+    monkeypatch.setattr(AgentHost, "live", lambda _: left.wait())
+    monkeypatch.setattr(AgentHost, "leave", lambda _: None)
+    monkeypatch.setattr(AgentHost, "request_stop", request_stop)
+    upkeep = Upkeep(Plan("lab1", "robot1", ()), FakeMesh(), lambda _: None)
+    upkeep.start()
+    process = upkeep.table.start("sonar", ["sim", "sc1", "--port", "0"])
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        with suppress(KeyboardInterrupt):
+            upkeep.__exit__(KeyboardInterrupt)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+        process.popen.kill()
+    assert process.popen.returncode is not None
+    assert not upkeep.table.logs.exists()
