@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import closing, contextmanager
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from typing import Final, Protocol, TypeVar
 
 from armadico.child import collect_seldom, tie
@@ -91,6 +91,7 @@ class Local:
 
     @staticmethod
     def _in_processes(function: Callable[[T], R], items: Sequence[T], jobs: int) -> Results[R]:
+        others = active_children()
         pool = ProcessPoolExecutor(jobs, get_context("spawn"), _begin, (os.getpid(),))
         waiting = iter(enumerate(items))
         running: dict[Future[R], int] = {}
@@ -104,6 +105,9 @@ class Local:
                 finished, _ = wait(running, return_when=FIRST_COMPLETED)
                 yield from ((running.pop(future), future.result()) for future in finished)
         finally:
+            if running:  # it is interrupted: an item may take an hour, or never end
+                for worker in {*active_children()} - {*others}:
+                    worker.terminate()
             pool.shutdown(cancel_futures=True)
 
 

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final
 
@@ -79,10 +80,17 @@ class McapFile:
         self._schemas: dict[tuple[str, str, bytes], int] = {}  # two kinds may have one name
         # By topic and kind, or a translator's topic: the channel, and its messages so far.
         self._channels: dict[Hashable, tuple[int, int]] = {}
-        self._writer.start(profile, f"armadico {about.get(PROFILE, {}).get('version', '')}".strip())
-        for name, words in about.items():
-            self._writer.add_metadata(name, dict(words))
-        self._writer.flush()  # type: ignore[no-untyped-call]
+        library = f"armadico {about.get(PROFILE, {}).get('version', '')}".strip()
+        try:
+            self._writer.start(profile, library)
+            for name, words in about.items():
+                self._writer.add_metadata(name, dict(words))
+            self._writer.flush()  # type: ignore[no-untyped-call]
+        except OSError:
+            path.unlink()  # a file without its head is of no use, and is in the way of the next try
+            with suppress(OSError):
+                self._stream.close()
+            raise
 
     @property
     def size(self) -> int:

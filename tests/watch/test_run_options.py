@@ -92,6 +92,18 @@ def test_nor_does_one_begin_that_cannot(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
+def test_a_recording_without_a_head_is_not_in_the_way_of_the_next_one(tmp_path: Path) -> None:
+    pytest.importorskip("mcap")
+    words = (*VIRTUAL, "--record", "run.mcap")
+
+    def full() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+
+    assert call(*words, preexec_fn=full, cwd=tmp_path).returncode == options.FAILED
+    assert not (tmp_path / "run.mcap").exists()
+
+
 def test_tables_on_a_full_disk_are_named_and_not_what_they_are_made_of(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -22,11 +22,15 @@ def work(number):
 """
 
 
-@pytest.mark.long(but=("killed",))
+@pytest.mark.long(but=("killed", "interrupted"))
 @pytest.mark.skipif(
     sys.platform != "linux", reason="only Linux tells a process of its parent's end"
 )
-@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL], ids=["terminated", "killed"])
+@pytest.mark.parametrize(
+    "how",
+    [signal.SIGTERM, signal.SIGKILL, signal.SIGINT],
+    ids=["terminated", "killed", "interrupted"],
+)
 def test_workers_end_with_whoever_handed_the_work_out(how: signal.Signals, tmp_path: Path) -> None:
     (tmp_path / "work_for_two.py").write_text(WORK)
     script = "from work_for_two import work\nfrom armadico.cli.pool import over\n"

@@ -78,6 +78,7 @@ def run(args: Options) -> int:
     for option_name, given in (("as", args.who), ("links", args.links), ("floods", args.floods)):
         if given and not args.keys:
             raise UsageError(f"--{option_name} needs --keys")
+    options.end_as_by_ctrl_c()
     if args.soak is not None:
         return _soak(args, args.soak)
     if args.floods:

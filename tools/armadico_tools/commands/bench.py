@@ -47,6 +47,7 @@ def run(args: Options) -> int:
                 if getattr(benchmark, key):
                     print(f"{'':<25}{key}: {getattr(benchmark, key)}")
         return 0
+    options.end_as_by_ctrl_c()
     figures: list[Figure] = []
     failed: list[str] = []
     try:
