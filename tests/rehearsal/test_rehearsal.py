@@ -123,6 +123,20 @@ def test_agent_with_parameters_can_be_left_out(now: Present) -> None:
     assert "goto" not in Forked(forked(now, goal=NEAR, without=("goto",)), 1, lambda: False).names
 
 
+def test_goal_is_refused_without_the_path_planner(now: Present) -> None:
+    """As `armadico goto` is: only `--direct` drives straight."""
+    of = forked(now, goal=NEAR, without=("path-planning",))
+    found = told(of, sample(of, 0))
+    assert found.judgement.answer is Answer.NO
+    assert [each.by for each in found.refused] == ["interface"]
+    assert "no path planning agent" in found.refused[0].why
+
+
+def test_agent_that_is_in_every_society_cannot_be_left_out(now: Present) -> None:
+    with pytest.raises(ConfigError, match="without robot"):
+        fork(now, Errand(goal=NEAR, without=("robot",)))
+
+
 @pytest.mark.parametrize(
     ("change", "expected", "words"),
     [

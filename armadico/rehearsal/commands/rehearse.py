@@ -165,7 +165,10 @@ def run(args: Options) -> int:
         if driven is not None:
             import msgspec
 
-            errand = msgspec.structs.replace(errand, goal=driven.goal)
+            from armadico.rehearsal.fork import PLANNER
+
+            direct = PLANNER not in now.names  # the society took the goal without a plan
+            errand = msgspec.structs.replace(errand, goal=driven.goal, direct=direct)
         made = stack.enter_context(made_map(now))
         of = fork(now, errand, world=args.world, made=made)
         found = drive(
