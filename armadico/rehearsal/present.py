@@ -521,6 +521,8 @@ def _note_surroundings(account: Account, now: float, notes: Notes) -> None:
         notes.lacks.append(f"what stands around the robot: no obstacles by {sensor}{since}")
     if account.view.level is None and provides(account.view, BatteryLevel):
         notes.lacks.append("the battery's charge: no battery/level")
+    elif account.view.level is None:
+        notes.unforked.append("the battery: no agent reports its charge, so a full one is driven")
     for other in _others(account, now):
         if other.age_s > STALE_S:
             notes.unforked.append(

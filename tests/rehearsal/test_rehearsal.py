@@ -132,6 +132,17 @@ def test_goal_is_refused_without_the_path_planner(now: Present) -> None:
     assert "no path planning agent" in found.refused[0].why
 
 
+def test_battery_that_reports_no_charge_is_named(now: Present) -> None:
+    assert any("battery" in each for each in now.unforked)
+
+
+def test_kill_that_no_sample_reaches_is_named(now: Present) -> None:
+    of = forked(now, goal=NEAR, kills=(("goto", 30.0), ("avoid", 5.0)))
+    runs = [Sample(seed=0, end=ARRIVED, time_s=12.0), Sample(seed=1, end=ARRIVED, time_s=14.0)]
+    (told,) = rehearse.unkilled(of, runs)
+    assert "goto at 30 s" in told
+
+
 def test_agent_that_is_in_every_society_cannot_be_left_out(now: Present) -> None:
     with pytest.raises(ConfigError, match="without robot"):
         fork(now, Errand(goal=NEAR, without=("robot",)))

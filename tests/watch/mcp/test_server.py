@@ -550,6 +550,7 @@ def test_what_the_policy_has_against_a_goal_is_told_with_its_rehearsal(
     found = served.ask("rehearse", place="E")
     assert found["answer"] == answer
     assert found["text"] == (f"{why}. The rehearsal: driven" if why else "driven")
+    assert found.get("why") == (why if answer != virtual else None), "not the rehearsal's own"
 
 
 @pytest.mark.usefixtures("rehearsals")
