@@ -123,7 +123,8 @@ def fork(
     goal = errand.goal or (None if errand.mission else now.goal)
     if goal is None and errand.mission is None:
         raise ConfigError("nothing to rehearse: the robot has no mission now; name a goal")
-    lacks, unforked = [*now.lacks], [*now.unforked]
+    lacks = [each.lacks for each in now.agents if each.lacks and each.name not in errand.without]
+    lacks, unforked = [*lacks, *now.lacks], [*now.unforked]
     absent = [name for name in now.absent if name not in errand.without]
     lacks[:0] = [f"what {name} does: it is not alive, and may be restarted" for name in absent]
     profile = _profile(now)

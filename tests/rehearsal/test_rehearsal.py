@@ -823,6 +823,9 @@ def test_agent_that_is_not_installed_leaves_the_answer_unknown() -> None:
     found = told(of, Sample(seed=0, end=ARRIVED))
     assert found.judgement.answer is Answer.UNKNOWN
     assert "stranger" in found.judgement.reason
+    left_out = fork(present(stands.account, now), Errand(goal=NEAR, without=("stranger",)))
+    assert isinstance(left_out, Fork)
+    assert not left_out.lacks, "it is known what an agent does that is left out"
 
 
 def test_agent_of_another_version_leaves_the_answer_unknown() -> None:
