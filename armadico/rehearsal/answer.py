@@ -395,7 +395,7 @@ def _refuses(why: str) -> str:
     """Who refuses for a reason: the interface agent passes on what the planner says."""
     own = (
         *("the robot's pose", "under way", "moves", "no encoder", "has the robot driven"),
-        "no mission planning agent",
+        *("no mission planning agent", "no path planning agent"),
     )
     return "interface" if any(words in why for words in own) else "path-planning"
 

@@ -22,7 +22,7 @@ from armadico.core.discovery import agent_class, owners
 from armadico.core.judgement import Answer, Judgement, unknown
 from armadico.core.resources import WHEELS
 from armadico.launch.options import Options
-from armadico.launch.society import Member, with_sets
+from armadico.launch.society import Member, names, with_sets
 from armadico.mobile.geometry import Pose2, relative, wrap
 from armadico.mobile.messages import COVARIANCE
 from armadico.mobile.swept_path import Outline
@@ -57,6 +57,8 @@ PERSON_RADIUS_M: Final = 0.25
 LEAST_M, LEAST_RAD = 0.02, 0.01
 """Least standard deviations of the pose with which localization begins."""
 
+PLANNER: Final = "path-planning"
+
 TINY: Final = 1e-6
 """Numbers of a profile that differ by less are the same."""
 
@@ -70,6 +72,7 @@ class Errand(Struct, frozen=True, kw_only=True):
     # x, y in m and a heading in rad; None as the heading: that of a straight line there.
     goal: tuple[float, float, float | None] | None = None
     mission: str | None = None  # A mission's name or file
+    direct: bool = False  # to the goal on a straight line, as by `armadico goto --direct`
     without: tuple[str, ...] = ()  # agents that are left out
     sets: tuple[str, ...] = ()  # parameters that are set, AGENT.KEY=VALUE
     # Agents that are killed, with the times, s after the beginning.
@@ -120,7 +123,8 @@ def fork(
     goal = errand.goal or (None if errand.mission else now.goal)
     if goal is None and errand.mission is None:
         raise ConfigError("nothing to rehearse: the robot has no mission now; name a goal")
-    lacks, unforked = [*now.lacks], [*now.unforked]
+    lacks = [each.lacks for each in now.agents if each.lacks and each.name not in errand.without]
+    lacks, unforked = [*lacks, *now.lacks], [*now.unforked]
     absent = [name for name in now.absent if name not in errand.without]
     lacks[:0] = [f"what {name} does: it is not alive, and may be restarted" for name in absent]
     profile = _profile(now)
@@ -144,13 +148,16 @@ def fork(
         start=(now.pose[0], now.pose[1], wrap(now.pose[2])),
         goal=None if goal is None else _goal(goal, now.pose),
         mission=errand.mission,
-        plan=_plan(errand, taking, mapped=bool(chart.outlines)),
+        plan=_plan(errand, goal is now.goal, taking, mapped=bool(chart.outlines)),
         agents=taking,
         redundant=_redundant(now),
         robot=profile,
         sensors=society().ideal.sensors if now.exact else "real",
         battery=Battery() if now.battery is None else Battery(charge=now.battery),
     )
+    # One that takes part in every society cannot be left out: an answer would be of another one.
+    for name in {*errand.without} & {*names(scenario, errand.without)}:
+        raise ConfigError(f"without {name}: no society is without it; to end it: --kill {name}@0")
     kept = tuple(name for name in taking if name not in errand.without)
     options = Options(
         sets=(*_sets(now, kept, lacks), *_certainty(now, kept)),
@@ -307,12 +314,15 @@ def _without_makers(taking: tuple[str, ...], lacks: list[str]) -> tuple[str, ...
 
 
 def _plan(
-    errand: Errand, taking: tuple[str, ...], *, mapped: bool
+    errand: Errand, present: bool, taking: tuple[str, ...], *, mapped: bool
 ) -> Literal["direct", "rooms", "seen"] | None:
-    """How the path is made: by the path planner, if there is one and it is not left out."""
+    """How the path is made: by the path planner, without which a new goal is refused.
+
+    The present goal of a society without one was sent on a straight line.
+    """
     if errand.mission is not None:
         return None
-    if "path-planning" not in {*taking} - {*errand.without}:
+    if errand.direct or (present and PLANNER not in taking):
         return "direct"
     return "rooms" if mapped else "seen"
 

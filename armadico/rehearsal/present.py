@@ -213,6 +213,7 @@ class AgentNow(Struct, frozen=True):
     sets: tuple[str, ...] | None = None
     installed: bool = True  # whether it is installed here
     drives: bool = False  # whether it competes for the wheels, as far as its card says
+    lacks: str = ""  # what is not known of it, if it takes part; empty: nothing
 
 
 class OtherRobot(Struct, frozen=True):
@@ -267,7 +268,7 @@ def present(account: Account, now: float) -> Present:
     view, notes = account.view, Notes()
     pose, state = view.pose, view.state
     terms = None if view.trajectory is None else view.trajectory.terms
-    agents = tuple(_agents(account, notes))
+    agents = tuple(_agents(account))
     world = _launched(agents, "world")
     if {"monitor", "wakeup"} & view.names:
         notes.unforked.append("monitor and wakeup: a rehearsal restarts no agent")
@@ -394,7 +395,7 @@ def _goal(view: View) -> Pose2 | None:
 # Agents -------------------------------------------------------------------------------------------
 
 
-def _agents(account: Account, notes: Notes) -> Iterator[AgentNow]:
+def _agents(account: Account) -> Iterator[AgentNow]:
     view, known, here = account.view, installed(AGENTS), version()
     counts = Counter(agent_of(each) for each in view.alive)
     for name in sorted(counts):
@@ -406,13 +407,14 @@ def _agents(account: Account, notes: Notes) -> Iterator[AgentNow]:
             sets = _over(sets, account.tuned[name])
         if name in APART:
             continue
+        lacks = ""
         if name not in known:
-            notes.lacks.append(f"{name}: it is not installed here")
+            lacks = f"{name}: it is not installed here"
         elif sets is None:
-            notes.lacks.append(f"the parameters of {name}: it did not tell them")
+            lacks = f"the parameters of {name}: it did not tell them"
         elif card is not None and card.version not in (here, VIRTUAL, ""):
-            notes.lacks.append(f"how {name} {card.version} behaves: here it is {here}")
-        yield AgentNow(name, counts[name], sets, name in known, drives)
+            lacks = f"how {name} {card.version} behaves: here it is {here}"
+        yield AgentNow(name, counts[name], sets, name in known, drives, lacks)
 
 
 def absent(account: Account, now: float) -> tuple[str, ...]:
@@ -521,6 +523,8 @@ def _note_surroundings(account: Account, now: float, notes: Notes) -> None:
         notes.lacks.append(f"what stands around the robot: no obstacles by {sensor}{since}")
     if account.view.level is None and provides(account.view, BatteryLevel):
         notes.lacks.append("the battery's charge: no battery/level")
+    elif account.view.level is None:
+        notes.unforked.append("the battery: no agent reports its charge, so a full one is driven")
     for other in _others(account, now):
         if other.age_s > STALE_S:
             notes.unforked.append(

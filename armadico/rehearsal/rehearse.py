@@ -121,7 +121,7 @@ def drive(
     return answer(
         runs,
         lacks=of.lacks,
-        unforked=of.unforked,
+        unforked=(*of.unforked, *unkilled(of, runs)),
         rate=of.rate,
         vague=of.vague,
         start=of.scenario.start[:2],
@@ -129,6 +129,16 @@ def drive(
         world=of.scenario.world,
         took_s=time.monotonic() - began,
     )
+
+
+def unkilled(of: Fork, runs: Sequence[Sample]) -> list[str]:
+    """The kills that no sample has reached."""
+    longest = max((run.time_s for run in runs), default=0.0)
+    return [
+        f"the kill of {name} at {at:g} s: no sample lasted for so long"
+        for name, at in of.kills
+        if at > longest
+    ]
 
 
 def driven(

@@ -35,6 +35,7 @@ THERE = ("--world", "sc4", "--from", "3.4", "0.6", "90")
         (["goto", "3", "1", "--at", "5"], "give both"),
         (["goto", "3", "1", "--profile", "jackal"], "--from X Y DEG"),
         (["goto", "3", "1", "--picture", "a.png"], ".svg"),
+        (["goto", "3", "1", "--picture", "nowhere/a.svg", *THERE], "no folder nowhere"),
         (["goto", "the", "kitchen", *THERE], "no place 'the kitchen' in 'sc4'"),
         (["goto", "3", "1", *THERE, "--without", "avoit"], "avoid"),
     ],

@@ -123,6 +123,31 @@ def test_agent_with_parameters_can_be_left_out(now: Present) -> None:
     assert "goto" not in Forked(forked(now, goal=NEAR, without=("goto",)), 1, lambda: False).names
 
 
+def test_goal_is_refused_without_the_path_planner(now: Present) -> None:
+    """As `armadico goto` is: only `--direct` drives straight."""
+    of = forked(now, goal=NEAR, without=("path-planning",))
+    found = told(of, sample(of, 0))
+    assert found.judgement.answer is Answer.NO
+    assert [each.by for each in found.refused] == ["interface"]
+    assert "no path planning agent" in found.refused[0].why
+
+
+def test_battery_that_reports_no_charge_is_named(now: Present) -> None:
+    assert any("battery" in each for each in now.unforked)
+
+
+def test_kill_that_no_sample_reaches_is_named(now: Present) -> None:
+    of = forked(now, goal=NEAR, kills=(("goto", 30.0), ("avoid", 5.0)))
+    runs = [Sample(seed=0, end=ARRIVED, time_s=12.0), Sample(seed=1, end=ARRIVED, time_s=14.0)]
+    (told,) = rehearse.unkilled(of, runs)
+    assert "goto at 30 s" in told
+
+
+def test_agent_that_is_in_every_society_cannot_be_left_out(now: Present) -> None:
+    with pytest.raises(ConfigError, match="without robot"):
+        fork(now, Errand(goal=NEAR, without=("robot",)))
+
+
 @pytest.mark.parametrize(
     ("change", "expected", "words"),
     [
@@ -798,6 +823,9 @@ def test_agent_that_is_not_installed_leaves_the_answer_unknown() -> None:
     found = told(of, Sample(seed=0, end=ARRIVED))
     assert found.judgement.answer is Answer.UNKNOWN
     assert "stranger" in found.judgement.reason
+    left_out = fork(present(stands.account, now), Errand(goal=NEAR, without=("stranger",)))
+    assert isinstance(left_out, Fork)
+    assert not left_out.lacks, "it is known what an agent does that is left out"
 
 
 def test_agent_of_another_version_leaves_the_answer_unknown() -> None:

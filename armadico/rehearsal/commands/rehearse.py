@@ -165,7 +165,10 @@ def run(args: Options) -> int:
         if driven is not None:
             import msgspec
 
-            errand = msgspec.structs.replace(errand, goal=driven.goal)
+            from armadico.rehearsal.fork import PLANNER
+
+            direct = PLANNER not in now.names  # the society took the goal without a plan
+            errand = msgspec.structs.replace(errand, goal=driven.goal, direct=direct)
         made = stack.enter_context(made_map(now))
         of = fork(now, errand, world=args.world, made=made)
         found = drive(
@@ -197,6 +200,8 @@ def _check(args: Options) -> None:
         raise UsageError("--from X Y DEG: needs --world MAP, and no recording")
     if args.profile is not None and args.start is None:
         raise UsageError(f"--profile {args.profile}: it is for --from X Y DEG")
+    if args.picture is not None and not args.picture.parent.is_dir():  # known before the drives
+        raise UsageError(f"--picture {args.picture}: no folder {args.picture.parent}")
     if args.start is not None and not args.what:
         raise UsageError("--from X Y DEG: name what is rehearsed, goto X Y or mission FILE")
 
@@ -327,6 +332,8 @@ def show(args: Options, found: Rehearsed, driven: Journey | None = None) -> None
         from armadico.rehearsal.picture import drawn
 
         args.picture.write_text(drawn(found), encoding="utf-8")
+    elif args.picture is not None:  # an older file would be taken for this one's
+        options.report(f"--picture {args.picture}: not written, since nothing was driven")
     if args.full:
         print(json.dumps(found.full | ({"driven": differs} if differs else {})))
     elif args.json:

@@ -63,6 +63,7 @@ from armadico.watch.assistant.tools import (
     Goal,
     Named,
     Numbered,
+    Polled,
     Tool,
     Trial,
 )
@@ -280,10 +281,13 @@ class Assistant(Keeper):
     def _poll(self, request: AssistantRequest) -> AssistantReply:
         """What has become of a request that waits for a person; the server asks each second."""
         try:
-            number = int(msgspec.json.decode(request.text, type=Numbered).number or "0")
+            asks = msgspec.json.decode(request.text, type=Polled)
         except msgspec.DecodeError as error:
             return AssistantReply(refusal=line(f"{APPROVAL}: {error}"))
-        return self._approvals.poll(number, request.by, self.now)
+        ended = self._approvals.leave(int(asks.number), request.by) if asks.gone else None
+        if ended is not None:
+            self._book.write_of(ended.request, "not approved", ended.over)
+        return self._approvals.poll(int(asks.number), request.by, self.now)
 
     def on_approval_answer(self, answer: ApprovalAnswer, question: Question) -> Answered | None:
         """A person has answered: do the request, if it is the first answer and in time.

@@ -69,6 +69,13 @@ class Named(Struct, frozen=True, forbid_unknown_fields=True):
     name: Annotated[str, Meta(min_length=1, max_length=128)]
 
 
+class Polled(Struct, frozen=True):
+    """A question of the server: what has become of a request that waits for a person?"""
+
+    number: Annotated[str, Meta(pattern=r"^[0-9]{1,19}$")]
+    gone: bool = False  # none: the client is gone, or has withdrawn the request
+
+
 class Numbered(Struct, frozen=True, forbid_unknown_fields=True):
     """The number of a goal or a mission, as text, since JSON's numbers have too few digits.
 

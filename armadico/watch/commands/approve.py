@@ -58,7 +58,7 @@ class Options:
 
 
 def run(args: Options) -> int:
-    if (args.which is None) != (args.what == "list"):
+    if (not args.which) != (args.what == "list"):
         words = {"log": "a file", "check": "a file", "forget": "a client, as the policy names it"}
         what = words.get(args.what, "the code of a request")
         need = "takes no further word" if args.what == "list" else f"needs {what}"

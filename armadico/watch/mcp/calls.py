@@ -101,6 +101,8 @@ class Rehearsing(Open):
         refused = self.against.against is Against.REFUSED
         if refused or small["answer"] == "yes":
             small["answer"] = "no" if refused else "unknown"
+            small.pop("cure", None)
+            small["why"] = self.against.text
         return {"text": f"{self.against.text}. The rehearsal: {says}", **small}
 
 

@@ -24,7 +24,7 @@ from armadico.observe.jsons import Json, JsonObject
 from armadico.observe.watching import QUERY_S, Watcher, show
 from armadico.runtime.errors import SocietyError
 from armadico.watch.assistant.assistant import APPROVAL
-from armadico.watch.assistant.messages import AssistantReply
+from armadico.watch.assistant.messages import AssistantReply, AssistantRequest
 from armadico.watch.assistant.policy.approvals import GONE_S, WAITS_S
 from armadico.watch.assistant.policy.policy import DRIVING
 from armadico.watch.assistant.tools import (
@@ -271,7 +271,12 @@ class Server:
         while (asked := self._next()) is not None:
             with _surviving(asked):
                 self._begin(asked)
-        return not ended or bool(self._calls) or self._has(Asking)
+        if not ended or self._calls or self._has(Asking):
+            return True
+        for each in self._open:
+            if isinstance(each, Approving):
+                self._leave(each)
+        return False
 
     def _take_back(self) -> None:
         """Forget the calls that are not waited for any more; they are not begun later."""
@@ -288,6 +293,8 @@ class Server:
                         each.asked.send = unheard
                     elif not isinstance(each, Rehearsing):  # it has begun; there is one at a time
                         self._open.remove(each)
+                        if isinstance(each, Approving):
+                            self._leave(each)
 
     def _has(self, kind: type[Open]) -> bool:
         """Return whether such a call is open, and waited for."""
@@ -413,11 +420,24 @@ class Server:
         assert request is not None, "it was checked"
         self._client.begin_query(request, ANSWER_S, then)
 
+    def _leave(self, each: Approving) -> None:
+        """Tell the agent that the client is gone, so that no yes begins what it asked for.
+
+        Without that the agent ends it once nobody has asked for so long.
+        """
+        request = self._question(each, gone=True)
+        if request is not None:
+            self._client.begin_query(request, FIND_S, lambda _: None)
+
+    def _question(self, each: Approving, *, gone: bool = False) -> AssistantRequest | None:
+        asks = {"number": str(each.number)} | ({"gone": True} if gone else {})
+        text = in_ascii(msgspec.json.encode(asks))
+        return request_of(replace(each.call, tool=APPROVAL, text=text))
+
     def _poll(self, each: Approving) -> None:
         """Ask what has become of a call that waits for a person."""
         each.polled_at = self._now
-        text = in_ascii(msgspec.json.encode({"number": str(each.number)}))
-        request = request_of(replace(each.call, tool=APPROVAL, text=text))
+        request = self._question(each)
 
         def then(reply: object) -> None:
             if isinstance(reply, AssistantReply):
@@ -473,12 +493,14 @@ class Server:
             asked.send(answer(call, fitted({"text": NOT_BEGUN})))
         elif reply.refusal:
             refuse(asked, each.unknown or reply.refusal)
-        elif reply.approval and asked.gone:
-            return  # nobody asks what becomes of it, so the agent ends it
         elif reply.approval:
             now = self._now
             until = now + WAITS_S
-            self._open.append(Approving(asked, call, reply.approval, until, reply.text, now, now))
+            waits = Approving(asked, call, reply.approval, until, reply.text, now, now)
+            if asked.gone:
+                self._leave(waits)
+            else:
+                self._open.append(waits)
         elif each.unknown:  # the agent takes a place that is not known for none
             refuse(asked, each.unknown)
         else:

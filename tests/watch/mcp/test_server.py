@@ -303,6 +303,18 @@ def test_a_client_that_is_gone_ends_the_server_although_it_waits(house: Gazettee
     served.call(1, "goto", place="E", wait_s=600)
 
 
+def test_a_client_that_is_gone_while_it_waits_for_a_person_says_so(house: Gazetteer) -> None:
+    guest = accepting()
+    guest.replies["goto"] = guest.replies["approval"] = [AssistantReply("waits", approval=99)]
+    served = Served(Guest(), guest, house)
+    served.call(1, "goto", place="E", told=True)
+    assert "waits" in served.line()["params"]["message"]
+    served.input.close()
+    served.thread.join(SOON)
+    last = guest.requests[-1]
+    assert (last.tool, json.loads(last.text)) == ("approval", {"number": "99", "gone": True})
+
+
 def test_cancel_overtakes_calls_that_are_planned_and_takes_back_those_that_have_not_begun(
     house: Gazetteer, busy: threading.Event
 ) -> None:
@@ -538,6 +550,7 @@ def test_what_the_policy_has_against_a_goal_is_told_with_its_rehearsal(
     found = served.ask("rehearse", place="E")
     assert found["answer"] == answer
     assert found["text"] == (f"{why}. The rehearsal: driven" if why else "driven")
+    assert found.get("why") == (why if answer != virtual else None), "not the rehearsal's own"
 
 
 @pytest.mark.usefixtures("rehearsals")

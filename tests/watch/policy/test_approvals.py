@@ -107,6 +107,18 @@ def test_a_goal_waits_for_a_yes_and_is_done_once(tmp_path: Path) -> None:
     assert len(desk.queries) == 1
 
 
+def test_a_client_that_says_that_it_is_gone_is_not_driven_for(tmp_path: Path) -> None:
+    desk = Desk(tmp_path)
+    waits, code = desk.ask(), desk.code()
+    desk.put(AssistantRequest("approval", f'{{"number": "{waits.approval}", "gone": true}}', "x"))
+    assert desk.poll(waits.approval).approval, "it is another one's"
+    desk.put(
+        AssistantRequest("approval", f'{{"number": "{waits.approval}", "gone": true}}', "model")
+    )
+    assert "its client is gone" in desk.answer(code).refusal
+    assert not desk.queries, "nothing is driven"
+
+
 def test_whoever_approves_is_told_what_became_of_it(tmp_path: Path) -> None:
     """Also if two goals are approved at once: one robot drives to one of them."""
     desk = Desk(tmp_path)

@@ -129,3 +129,10 @@ def test_the_check_of_a_policy_says_what_sonars_cannot_tell(
     said = capsys.readouterr()
     assert (f"if the robot has sonars: {BY_SONARS}" in said.err) == warned
     assert json.loads(said.out)["client"] == "default", "what reads it is not disturbed"
+
+
+@pytest.mark.parametrize("what", ["yes", "no", "show", "forget", "log", "check"])
+def test_an_empty_word_is_no_code_and_no_file(what: str) -> None:
+    options: Any = SimpleNamespace(what=what, which="", json=False)
+    with pytest.raises(UsageError, match=f"{what} needs"):
+        approve.run(options)

@@ -82,6 +82,15 @@ def test_a_policy_that_is_not_there_allows_nothing() -> None:
     assert "/nowhere.toml" in Counter(policy="/nowhere.toml").refusal("where")
 
 
+def test_an_empty_list_lifts_a_rule_of_the_default_section() -> None:
+    lifts = "forbidden = []\napproval = []\napproval_rooms = []"
+    rules = 'forbidden = ["goto"]\napproval = ["goto"]\napproval_rooms = ["C"]'
+    mine = read(f"[default]\n{rules}\n[clients.mine]\n{lifts}", world=WORLD).clients["mine"]
+    assert not mine.forbids("goto")
+    assert not mine.section.approval
+    assert not mine.section.approval_rooms
+
+
 def test_a_clients_section_has_the_default_where_it_says_nothing() -> None:
     policy = read('[default]\nv_max = 0.2\nforbidden = ["mission"]\n[clients.mine]\nv_max = 0.5')
     assert policy.of("mine").section.v_max == 0.5

@@ -24,6 +24,8 @@ WAITS_S: Final = 120.0
 GONE_S: Final = 10.0
 """A client that does not ask for so long what became of its request is gone, and so is that."""
 
+LEFT: Final = "its client is gone"
+
 MOST: Final = 8
 """Requests that wait at a time; a person who has to choose among more reads none of them."""
 
@@ -178,6 +180,14 @@ class Approvals:
             f"waits for a person's approval, code {found.code}: {found.why}", approval=number
         )
 
+    def leave(self, number: int, by: str) -> Waiting | None:
+        """The client is gone; return its request, which has ended, if it waited."""
+        found = self._all.get(number)
+        if found is None or found.request.by != by or found.over:
+            return None
+        self.end(found, LEFT)
+        return found
+
     def of(self, code: str) -> Waiting:
         """The request with a code."""
         return next(each for each in self._all.values() if each.code == code)
@@ -204,7 +214,7 @@ class Approvals:
             if now - each.at >= WAITS_S:
                 self.end(each, f"nobody has answered within {WAITS_S:.0f} s")
             elif now - each.seen_at >= GONE_S:
-                self.end(each, "its client is gone")
+                self.end(each, LEFT)
             else:
                 continue
             ended.append(each)

@@ -66,6 +66,8 @@ Corner = Annotated[tuple[float, ...], Meta(min_length=2, max_length=2)]
 Corners = Annotated[tuple[Corner, ...], Meta(max_length=256)]
 Polygons = Annotated[tuple[Corners, ...], Meta(min_length=1, max_length=64)]
 Words = Annotated[tuple[str, ...], Meta(min_length=1, max_length=64)]
+Lifted = Annotated[tuple[str, ...], Meta(max_length=64)]
+"""Without any, a client's section lifts the rule of the default one."""
 Day = Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"]
 
 
@@ -81,9 +83,9 @@ class Section(Struct, frozen=True, forbid_unknown_fields=True):
     hours: Words | None = None  # as "08:00-18:00", by the clock of the agent's computer
     days: Annotated[tuple[Day, ...], Meta(min_length=1, max_length=7)] | None = None
     goals_an_hour: Annotated[int, Meta(ge=0, le=10_000)] | None = None
-    forbidden: Words | None = None  # tools
-    approval: Words | None = None  # tools
-    approval_rooms: Words | None = None  # a way into or through them
+    forbidden: Lifted | None = None  # tools
+    approval: Lifted | None = None  # tools
+    approval_rooms: Lifted | None = None  # a way into or through them
 
 
 class _File(Struct, frozen=True, forbid_unknown_fields=True):

@@ -253,12 +253,41 @@ function agents() {
 function approvals() {
   const found = here().parts.approvals ?? [];
   $("approvals").hidden = !found.length;
-  rows($("asking"), found, (a) => a.code, (child, a) => {
-    const answer = (choice, words) => node("button", { textContent: words, ariaLabel: `${words} to ${a.by}: ${a.what}`, onclick: () => request({ do: "approve", code: a.code, choice }) });
-    child.replaceChildren(node("div", { class: "row" },
-      node("span", { class: "grow" }, node("b", { textContent: a.by }), ` asks for ${a.what}`, node("br"), node("small", { textContent: `${a.why}; ${a.left} s left` })),
-      answer("yes", "Yes"), answer("no", "No"), answer("always", "Always here")));
+  for (const code of foretold.keys()) if (!found.some((a) => a.code === code)) foretold.delete(code);
+  found.forEach(foretell);
+  fans();
+  rows($("asking"), found.map((a) => ({ ...a, says: foretold.get(a.code)?.says ?? "" })), (a) => a.code, (child, a) => {
+    if (!child.firstChild) { // a button that is replaced each second loses its focus and half a click
+      const answer = (choice, words) => node("button", { textContent: words, ariaLabel: `${words} to ${a.by}: ${a.what}`, onclick: () => request({ do: "approve", code: a.code, choice }) });
+      child.append(node("div", { class: "row" },
+        node("span", { class: "grow" }, node("b", { textContent: a.by }), ` asks for ${a.what}`, node("br"), node("small"), node("p", { class: "small" })),
+        answer("yes", "Yes"), answer("no", "No"), answer("always", "Always here")));
+    }
+    put(child.querySelector("small"), `${a.why}; ${a.left} s left`);
+    put(child.querySelector("p"), a.says);
   });
+}
+
+// What a person is asked to allow is driven virtually first, as with "ask first".
+const foretold = new Map(); // by the code of a request: {says, paths}
+
+async function foretell(a) {
+  if (!a.goal.length || !here().still.rehearses || !$("looking").hidden || foretold.has(a.code)) return;
+  foretold.set(a.code, { says: "Driving there virtually ...", paths: [] });
+  const reply = await link.request({ do: "rehearse", robot: chosen, x: a.goal[0], y: a.goal[1] });
+  if (!foretold.has(a.code)) return; // it is over
+  foretold.set(a.code, { says: reply.text, paths: reply.more?.paths ?? [] });
+  if (!reply.ok) setTimeout(() => foretold.delete(a.code), 3000); // another one is under way, perhaps
+  approvals();
+}
+
+// The map shows the paths of the goal that is asked for here, else of one that a program asks for.
+function fans() {
+  const paths = asked ? fan : [...foretold.values()].flatMap((each) => each.paths);
+  if (paths.length || plan.fan.length) {
+    plan.fan = paths;
+    plan.dirty();
+  }
 }
 
 function board() {
@@ -408,11 +437,13 @@ addEventListener("keyup", (event) => event.code === "Space" && !$("door").open &
 
 // With "ask first" a goal is rehearsed, and the robot goes there after a second yes.
 let asked = null; // the goal whose rehearsal is shown or under way
+let fan = []; // its paths
 
-function askedFor(goal, says = "", fan = []) {
+function askedFor(goal, says = "", paths = []) {
   asked = goal;
-  plan.fan = fan;
-  plan.dirty();
+  fan = paths;
+  fans();
+  if (goal) $("tab-drive").click(); // the answer is there
   put($("says"), says);
   $("rehearsed").hidden = !goal;
 }
@@ -426,7 +457,7 @@ async function goto(goal) {
   if (asked !== goal) return;
   askedFor(goal, reply.text, reply.more?.paths ?? []);
   $("rehearsed").className = reply.ok ? reply.more.answer : "unknown";
-  $("godo").focus();
+  $("godo").focus({ preventScroll: true }); // the map stays in view
 }
 
 $("godo").addEventListener("click", () => {
