@@ -87,8 +87,8 @@ class Rehearsed(Struct, frozen=True, kw_only=True):
     # The probability of arriving, by both kinds of samples; None: none ended.
     chance: float | None = None
     # How long it takes if it arrives: the median of the samples in which the map holds, between the
-    # ends of their `interval`, or that of the longest with something put on the way; empty: none
-    # arrives.
+    # ends of their `interval`, or of that of samples with something put on the way, if it ends
+    # later; empty: none arrives.
     time_s: tuple[float, ...] = ()
     way_m: float = 0.0  # their median length
     # The least distance to an obstacle in these samples, and where the robot is then.
@@ -337,14 +337,15 @@ def answer(
 def _times(plain: Sequence[Sample], put: Sequence[Sample]) -> tuple[float, ...]:
     """See `Rehearsed.time_s`: of the samples that arrive.
 
-    A drive that meets something exceeds the largest of K such samples with a probability of
-    1 / (K + 1), and it meets something with that of `stands`. So the largest needs no margin.
+    Samples with something put there count as if it stood there: `stands` is told too small.
     """
     if not plain:
         return ()
     times = [run.time_s for run in plain]
     least, most = interval(times)
-    return least, median(times), max([most, *(run.time_s for run in put)])
+    if put:
+        most = max(most, interval([run.time_s for run in put])[1])
+    return least, median(times), most
 
 
 def interval(times: Sequence[float]) -> tuple[float, float]:

@@ -48,6 +48,10 @@ PATIENCE: Final = 3.0
 """A sample with something put on its way fails after so many times the median time of those without
 anything that arrive. Chosen."""
 
+MANY: Final = 8
+"""From so many samples on, some have something put on their way for how long it takes alone. One of
+four would take as long as all the others if it is not past it: until the patience ends. Chosen."""
+
 Done = Callable[[int], None]
 """Called with the number of samples that have ended."""
 
@@ -142,14 +146,18 @@ def driven(
 
     In the first half of them the map holds. These tell how much of the way is out of sight, and how
     long a robot takes that nothing stops. Then something is put on the way out of sight: in all
-    others where it may change the answer, else in the last quarter, for how long it may take. These
-    do not try for ever.
+    others where it may change the answer, else in the last quarter of `MANY` samples or more, for
+    how long it may take. These do not try for ever.
     """
     half = (len(seeds) + 1) // 2
     runs = _each(of, seeds[:half], {}, results, until, done)
     times = [run.time_s for run in runs if run.end == ARRIVED]
     hidden = hidden_m(runs) if times else 0.0
-    puts = len(seeds) - half if of.rate.chance(hidden) > RISK else len(seeds) // 4 if hidden else 0
+    puts = 0
+    if of.rate.chance(hidden) > RISK:
+        puts = len(seeds) - half
+    elif hidden and len(seeds) >= MANY:
+        puts = len(seeds) // 4
     patience_s = {seed: PATIENCE * median(times) for seed in seeds[len(seeds) - puts :]}
     return runs + _each(of, seeds[half:], patience_s, results, until, lambda n: done(half + n))
 

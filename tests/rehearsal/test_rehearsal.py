@@ -600,32 +600,39 @@ def in_turn(drives: Callable[[int], Sample], seeds: Sequence[int]) -> Driven:
 
 
 @pytest.mark.parametrize(
-    ("things", "hidden_m", "end", "patience_s"),
+    ("samples", "things", "hidden_m", "end", "puts"),
     [
-        (9, 8.0, ARRIVED, [36.0, 36.0]),
-        (9, 0.0, ARRIVED, [None, None]),
-        (0, 3.0, ARRIVED, [None, 36.0]),
-        (9, 8.0, "failed", [None, None]),
+        (5, 9, 8.0, ARRIVED, 2),
+        (5, 9, 0.0, ARRIVED, 0),
+        (5, 0, 3.0, ARRIVED, 0),
+        (5, 9, 8.0, "failed", 0),
+        (8, 9, 8.0, ARRIVED, 4),
+        (8, 0, 3.0, ARRIVED, 2),
+        (8, 0, 0.0, ARRIVED, 0),
     ],
 )
-def test_something_is_put_where_it_may_change_the_answer_and_once_for_how_long_it_takes(
+def test_something_is_put_where_it_may_change_the_answer_or_many_samples_tell_how_long_it_takes(
     now: Present,
     monkeypatch: pytest.MonkeyPatch,
+    samples: int,
     things: int,
     hidden_m: float,
     end: str,
-    patience_s: list[float | None],
+    puts: int,
 ) -> None:
     """The samples in which the map holds come first: none waits for one that is stuck."""
     half = Half(monkeypatch, hidden_m, end)
     of = alike(forked(now, goal=FAR), rate=Rate(things, 30.0))
     ended: list[int] = []
-    runs = rehearse.driven(of, range(1, 6), in_turn, done=ended.append)
+    seeds = range(1, samples + 1)
+    runs = rehearse.driven(of, seeds, in_turn, done=ended.append)
+    patience_s = 3.0 * (10.0 + (1 + (samples + 1) // 2) / 2)
+    plain = samples - puts
     assert [*half.patience.items()] == [
-        *((seed, None) for seed in (1, 2, 3)),
-        *zip((4, 5), patience_s, strict=True),
+        *((seed, None) for seed in seeds[:plain]),
+        *((seed, patience_s) for seed in seeds[plain:]),
     ]
-    assert [run.seed for run in runs] == ended == [1, 2, 3, 4, 5]
+    assert [run.seed for run in runs] == ended == [*seeds]
 
 
 def test_samples_that_never_began_are_of_their_kind(
@@ -905,8 +912,8 @@ def test_way_out_of_sight_is_unknown_if_what_may_stand_there_would_stop_the_robo
     assert ("did not end" in found.says) == (UNENDED in ends), "that is not known"
     least, middle, most = found.time_s
     assert (least, middle) == (interval([20.0])[0], 20.0)
-    told = interval([20.0])[1]
-    assert most == (35.0 if ARRIVED in ends else told), "of a drive that meets something, too"
+    longest_s = [35.0] * ends.count(ARRIVED) or [20.0]
+    assert most == interval(longest_s)[1], "of a drive that meets something, too"
     assert found.despite_s == (35.0 if ARRIVED in ends else None)
     assert "6.0 of 8.0 m are out of sight" in found.says
     assert found.chance is not None
