@@ -21,7 +21,7 @@ from armadico.observe.slowness import Slowness, Spot
 from armadico.observe.view import View
 
 WITHIN: Final = 0.1
-"""A time that is farther outside of what was told, relative to it, differs."""
+"""A way that is longer than what was told, by more than this share of it, is named."""
 
 LOST_S: Final = 2.0
 """Time lost at a place, beyond what was told of it, that is named."""
@@ -151,9 +151,9 @@ def compared(driven: Journey, told: Mapping[str, Any]) -> str:
     went = f"reached in {driven.seconds:.0f} s over {driven.way_m:.1f} m"
     if not times:
         return f"{head}{went}."
-    if driven.seconds > (1.0 + WITHIN) * times[-1]:
+    if driven.seconds > times[-1]:
         return f"{head}{went}, {driven.seconds - times[1]:.0f} s longer{_since(driven, told)}."
-    if driven.seconds < (1.0 - WITHIN) * times[0]:
+    if driven.seconds < times[0]:
         return f"{head}{went}, {times[1] - driven.seconds:.0f} s faster."
     return f"{head}{went}, as told."
 

@@ -45,7 +45,7 @@ from armadico.mobile.messages import (
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe.watching import Presence
 from armadico.rehearsal import rehearse
-from armadico.rehearsal.answer import Rehearsed, answer
+from armadico.rehearsal.answer import SPREAD, Rehearsed, answer, interval, student
 from armadico.rehearsal.fork import Errand, Fork, draw, drawn_wheels, fork
 from armadico.rehearsal.picture import drawn
 from armadico.rehearsal.present import Present, present, present_at
@@ -625,32 +625,39 @@ def in_turn(drives: Callable[[int], Sample], seeds: Sequence[int]) -> Driven:
 
 
 @pytest.mark.parametrize(
-    ("things", "hidden_m", "end", "patience_s"),
+    ("samples", "things", "hidden_m", "end", "puts"),
     [
-        (9, 8.0, ARRIVED, 3 * 12.0),
-        (9, 0.0, ARRIVED, None),
-        (0, 3.0, ARRIVED, None),
-        (9, 8.0, "failed", None),
+        (5, 9, 8.0, ARRIVED, 2),
+        (5, 9, 0.0, ARRIVED, 0),
+        (5, 0, 3.0, ARRIVED, 0),
+        (5, 9, 8.0, "failed", 0),
+        (8, 9, 8.0, ARRIVED, 4),
+        (8, 0, 3.0, ARRIVED, 2),
+        (8, 0, 0.0, ARRIVED, 0),
     ],
 )
-def test_something_is_put_only_where_it_may_change_the_answer(
+def test_something_is_put_where_it_may_change_the_answer_or_many_samples_tell_how_long_it_takes(
     now: Present,
     monkeypatch: pytest.MonkeyPatch,
+    samples: int,
     things: int,
     hidden_m: float,
     end: str,
-    patience_s: float | None,
+    puts: int,
 ) -> None:
     """The samples in which the map holds come first: none waits for one that is stuck."""
     half = Half(monkeypatch, hidden_m, end)
     of = alike(forked(now, goal=FAR), rate=Rate(things, 30.0))
     ended: list[int] = []
-    runs = rehearse.driven(of, range(1, 6), in_turn, done=ended.append)
+    seeds = range(1, samples + 1)
+    runs = rehearse.driven(of, seeds, in_turn, done=ended.append)
+    patience_s = 3.0 * (10.0 + (1 + (samples + 1) // 2) / 2)
+    plain = samples - puts
     assert [*half.patience.items()] == [
-        *((seed, None) for seed in (1, 2, 3)),
-        *((seed, patience_s) for seed in (4, 5)),
+        *((seed, None) for seed in seeds[:plain]),
+        *((seed, patience_s) for seed in seeds[plain:]),
     ]
-    assert [run.seed for run in runs] == ended == [1, 2, 3, 4, 5]
+    assert [run.seed for run in runs] == ended == [*seeds]
 
 
 def test_samples_that_never_began_are_of_their_kind(
@@ -865,7 +872,8 @@ def test_answer_counts_and_stays_small(long: str) -> None:
     runs = [replace(run, shares={f"agent-{k}": 9 for k in range(30)}) for run in runs]
     found = answer(runs, lacks=[long] * 9, unforked=[long] * 9)
     assert (found.arrives, found.samples) == (3, 4)
-    assert found.time_s == (40.0, 41.0, 42.0)
+    least, most = interval([40.0, 41.0, 42.0])
+    assert found.time_s == (least, 41.0, most)
     assert found.judgement.answer is Answer.UNKNOWN
     assert len(json.dumps(found.small)) < 1500
     assert found.small["fails"]
@@ -930,13 +938,39 @@ def test_way_out_of_sight_is_unknown_if_what_may_stand_there_would_stop_the_robo
     assert (found.arrives, found.samples) == (1, 1), "of those in which the map holds"
     assert found.despite == (ends.count(ARRIVED), sum(end != UNENDED for end in ends))
     assert ("did not end" in found.says) == (UNENDED in ends), "that is not known"
-    assert found.time_s == (20.0, 20.0, 20.0)
+    least, middle, most = found.time_s
+    assert (least, middle) == (interval([20.0])[0], 20.0)
+    longest_s = [35.0] * ends.count(ARRIVED) or [20.0]
+    assert most == interval(longest_s)[1], "of a drive that meets something, too"
     assert found.despite_s == (35.0 if ARRIVED in ends else None)
     assert "6.0 of 8.0 m are out of sight" in found.says
     assert found.chance is not None
     fewer = answer([PLAIN, put(1, "failed"), put(2, "failed")], rate=rate).chance
     assert fewer is not None
     assert fewer <= found.chance < 1.0
+
+
+@pytest.mark.parametrize("spread", [0.05, 0.2])
+@pytest.mark.parametrize("samples", [1, 2, 4, 8])
+def test_time_told_holds_that_of_one_more_drive_however_few_samples_there_are(
+    samples: int, spread: float
+) -> None:
+    """The least to the most of four samples would hold 60 %."""
+    rng = Random(samples)
+
+    def drawn() -> float:
+        return 30.0 * rng.lognormvariate(0.0, spread)
+
+    held = 0
+    for _ in range(2000):
+        least, most = interval([drawn() for _ in range(samples)])
+        held += least <= drawn() <= most
+    assert held / 2000 > (0.9 if spread <= SPREAD else 0.8), "few do not show a large spread"
+
+
+@pytest.mark.parametrize(("free", "expected"), [(2, 2.920), (3, 2.353), (5, 2.015), (9, 1.833)])
+def test_quantile_is_that_of_the_tables(free: int, expected: float) -> None:
+    assert student(free) == pytest.approx(expected, rel=0.015)
 
 
 def test_way_in_sight_owes_nothing_to_the_map() -> None:

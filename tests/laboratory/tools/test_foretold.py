@@ -52,7 +52,8 @@ def row(seed: int, chance: float | None, *, arrived: bool, answer: str = "yes") 
         lacks=(),
         least_s=10.0,
         most_s=12.0,
-        put_s=20.0,
+        plain_s=(10.0, 12.0),
+        put_s=(20.0,),
         clearance_m=0.3,
         says="it arrives",
         arrived=arrived,
@@ -89,6 +90,7 @@ def test_scores_are_of_what_was_told() -> None:
     assert "| **all** | 4 | 2/1/1 |" in said
     assert "1 of 2" in said, "one yes of two was wrong"
     assert "lost for 60 s" in said
+    assert "| 2 of 2 | 18% |" in said, "11 s are within 10 to 12 s"
 
 
 def test_drives_are_drawn_by_the_seed_and_short(tmp_path: Path) -> None:

@@ -88,7 +88,8 @@ def driven(seconds: float, *slow: Spot, way_m: float = 5.0, reached: bool = True
     ("one", "words"),
     [
         (driven(22.0), "as told"),
-        (driven(25.0), "as told"),
+        (driven(23.0), "as told"),
+        (driven(24.0), "3 s longer"),  # the interval that was told has its own margin
         (driven(10.0), "faster"),
         (
             driven(35.0, Spot(3.5, 0.5, 9.0, "goto drives")),

@@ -29,7 +29,7 @@ from armadico.observe.audit.chart import joined
 from armadico.rehearsal.answer import Rehearsed, answer
 from armadico.rehearsal.fork import Errand, fork
 from armadico.rehearsal.rehearse import driven
-from armadico.rehearsal.sample import Sample
+from armadico.rehearsal.sample import ARRIVED, Sample
 from armadico.rehearsal.virtual import Attended
 from armadico.runtime.errors import AgentFailedError, MissionRefusedError, SocietyError
 from armadico_tools.experiments.foretold_report import Foretold, draw, summed
@@ -76,8 +76,8 @@ NOTE: Final = (
     " The rehearsal gets what the society publishes, not the truth. *Foretold*: the mean of the"
     " probabilities of arriving that were told; *arrived*: the share of drives that did, without a"
     " collision. *Brier*: the mean square of the difference. *Within*: drives whose time is within"
-    " that of the samples, least to most, widened by 10 %; *or put*: up to that of samples with"
-    " something put on the way. *Nearer*: drives that came nearer to an obstacle than any sample in"
+    " what was told, of those that arrived; *wide*: the mean width of the told times, relative to"
+    " the medians. *Nearer*: drives that came nearer to an obstacle than any sample in"
     " which the map holds, by more than 5 cm. *Wrong yes*: drives that did not arrive, of those"
     " whose answer was yes; *wrong no*: drives that did, of those whose answer was no."
 )
@@ -287,7 +287,8 @@ def foretell(task: Task) -> list[Foretold]:
             lacks=told.lacks,
             least_s=told.time_s[0] if told.time_s else None,
             most_s=told.time_s[-1] if told.time_s else None,
-            put_s=max((run.time_s for run in told.runs if run.put), default=None),
+            plain_s=_times(told, held=True),
+            put_s=_times(told, held=False),
             clearance_m=None if told.clearance is None else told.clearance[0],
             says=told.says,
             arrived=passed,
@@ -297,6 +298,12 @@ def foretell(task: Task) -> list[Foretold]:
         )
         for (at, told), clear_m in zip(run.told, run.clear_m, strict=True)
     ]
+
+
+def _times(told: Rehearsed, *, held: bool) -> tuple[float, ...]:
+    """The times of the samples that arrive, in which the map holds, or does not."""
+    runs = (run for run in told.runs if run.end == ARRIVED and run.holds is held)
+    return tuple(sorted(round(run.time_s, 1) for run in runs))
 
 
 def _each(found: Sequence[Sequence[Foretold]]) -> list[Foretold]:

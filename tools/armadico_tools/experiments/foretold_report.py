@@ -11,7 +11,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from statistics import mean
+from statistics import mean, median
 from typing import TYPE_CHECKING, Final
 
 import msgspec
@@ -34,8 +34,9 @@ SURE: Final = 1.96
 class Foretold(Struct, frozen=True):
     """One rehearsal of a drive, and what became of the drive; times from the rehearsal on, s.
 
-    `met` is what the drive met that the map does not have; `put_s` the largest time of samples with
-    something put on the way.
+    `met` is what the drive met that the map does not have; `least_s` to `most_s` the time that was
+    told; `plain_s` and `put_s` the times of the samples that arrive: in which the map holds, and
+    with something put on the way.
     """
 
     place: str
@@ -54,7 +55,8 @@ class Foretold(Struct, frozen=True):
     lacks: tuple[str, ...]
     least_s: float | None
     most_s: float | None
-    put_s: float | None
+    plain_s: tuple[float, ...]
+    put_s: tuple[float, ...]
     clearance_m: float | None
     says: str
     arrived: bool
@@ -101,18 +103,20 @@ def wilson(k: int, n: int) -> tuple[float, float]:
 
 
 def _within(one: Foretold) -> bool | None:
-    """Whether the time was within that of the samples, widened by 10 %."""
+    """Whether the time was within what was told."""
     if not one.arrived or one.least_s is None or one.most_s is None:
         return None
-    return 0.9 * one.least_s <= one.time_s <= 1.1 * one.most_s
+    return one.least_s <= one.time_s <= one.most_s
 
 
-def _within_put(one: Foretold) -> bool | None:
-    """As `_within`, up to the largest time of samples with something put, if these arrive."""
-    known, arrives = _within(one), one.despite[0] == one.despite[1]
-    if known is None or one.least_s is None or one.put_s is None or not arrives:
-        return known
-    return known or 0.9 * one.least_s <= one.time_s <= 1.1 * one.put_s
+def _wide(found: Iterable[Foretold]) -> str:
+    """The mean width of the told times, relative to the medians of the samples."""
+    wide = [
+        (one.most_s - one.least_s) / median(one.plain_s)
+        for one in found
+        if one.least_s is not None and one.most_s is not None and one.plain_s
+    ]
+    return f"{mean(wide):.0%}" if wide else "-"
 
 
 def _nearer(one: Foretold) -> bool | None:
@@ -140,7 +144,7 @@ def _row(name: str, found: Sequence[Foretold]) -> tuple[object, ...]:
         f"{mean(one.arrived for one in driven):.2f}" if driven else "-",
         "-" if score is None else f"{score:.3f}",
         _of(found, _within),
-        _of(found, _within_put),
+        _wide(found),
         _of(found, _nearer),
         _of((one for one in found if one.answer == "yes"), lambda one: not one.arrived),
         _of((one for one in found if one.answer == "no"), lambda one: one.arrived),
@@ -149,7 +153,7 @@ def _row(name: str, found: Sequence[Foretold]) -> tuple[object, ...]:
 
 
 HEAD: Final = (
-    *("rehearsed", "n", "yes/no/unknown", "foretold", "arrived", "Brier", "within", "or put"),
+    *("rehearsed", "n", "yes/no/unknown", "foretold", "arrived", "Brier", "within", "wide"),
     *("nearer", "wrong yes", "wrong no", "unknown: arrived"),
 )
 
