@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
@@ -47,10 +47,6 @@ JOIN_S: Final = 2.0
 PATIENCE: Final = 3.0
 """A sample with something put on its way fails after so many times the median time of those without
 anything that arrive. Chosen."""
-
-MANY: Final = 8
-"""From so many samples on, some have something put on their way for how long it takes alone. One of
-four would take as long as all the others if it is not past it: until the patience ends. Chosen."""
 
 Done = Callable[[int], None]
 """Called with the number of samples that have ended."""
@@ -155,43 +151,34 @@ def driven(
     """The samples of a fork, in the order of their seeds, until a time by `time.monotonic`.
 
     In the first half of them the map holds. These tell how much of the way is out of sight, and how
-    long a robot takes that nothing stops. Then something is put on the way out of sight: in all
-    others where it may change the answer, else in the last quarter of `MANY` samples or more, for
-    how long it may take. These do not try for ever.
+    long a robot takes that nothing stops. So in the others something is put on the way only where
+    it may change the answer, and they do not try for ever.
     """
     half = (len(seeds) + 1) // 2
-    runs = _each(of, seeds[:half], {}, results, until, done)
+    runs = _each(of, seeds[:half], None, results, until, done)
     times = [run.time_s for run in runs if run.end == ARRIVED]
-    hidden = hidden_m(runs) if times else 0.0
-    puts = 0
-    if of.rate.chance(hidden) > RISK:
-        puts = len(seeds) - half
-    elif hidden and len(seeds) >= MANY:
-        puts = len(seeds) // 4
-    patience_s = {seed: PATIENCE * median(times) for seed in seeds[len(seeds) - puts :]}
+    puts = times and of.rate.chance(hidden_m(runs)) > RISK
+    patience_s = PATIENCE * median(times) if puts else None
     return runs + _each(of, seeds[half:], patience_s, results, until, lambda n: done(half + n))
 
 
 def _each(
     of: Fork,
     seeds: Sequence[int],
-    patience_s: Mapping[int, float],
+    patience_s: float | None,
     results: Results,
     until: float,
     done: Done,
 ) -> list[Sample]:
-    """The samples of some seeds; `patience_s` are those with something put on the way."""
     runs: dict[int, Sample] = {}
     if time.monotonic() < until:  # later the crew may have ended
         with closing(results(partial(_sample, of, until, patience_s), seeds)) as found:
             for index, run in found:
                 runs[index] = run
                 done(len(runs))
-    ended = Sample(seed=0, end=UNENDED, why="it was stopped when the time was over")
-    return [
-        runs.get(k, replace(ended, seed=seed, puts=seed in patience_s))
-        for k, seed in enumerate(seeds)
-    ]
+    why, puts = "it was stopped when the time was over", patience_s is not None
+    ended = Sample(seed=0, end=UNENDED, why=why, puts=puts)
+    return [runs.get(k, replace(ended, seed=each)) for k, each in enumerate(seeds)]
 
 
 @contextmanager
@@ -212,8 +199,8 @@ def _warm(of: Fork) -> None:
     Forked(of, 0, lambda: False)
 
 
-def _sample(of: Fork, until: float, patience_s: Mapping[int, float], seed: int) -> Sample:
-    return sample(of, seed, lambda: time.monotonic() > until, patience_s=patience_s.get(seed))
+def _sample(of: Fork, until: float, patience_s: float | None, seed: int) -> Sample:
+    return sample(of, seed, lambda: time.monotonic() > until, patience_s=patience_s)
 
 
 def rehearsed(
