@@ -255,10 +255,11 @@ class Behaviour(Agent, hooks=("propose", "rate", "vector")):
         """Note which of its motions the robot agent refuses."""
         if not self.drives(WHEELS, state.driver):
             return
+        if _motion(state.v, state.w) != STANDS:
+            self._stood.clear()  # not by a cycle that is let through: nothing may come of it
+            return
         through = _motion(state.admitted.v, state.admitted.w) != STANDS
-        if through or not state.capped or _motion(state.v, state.w) != STANDS:
-            self._stood.clear()
-        elif not state.stalled:  # what stalls is known by `stalled`
+        if state.capped and not through and not state.stalled:  # what stalls is known by `stalled`
             motion = _motion(state.ordered.v, state.ordered.w)
             self._stood[motion] += motion != STANDS
             if self._stood[motion] >= REFUSED_CYCLES:
