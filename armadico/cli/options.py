@@ -12,7 +12,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Final, TypeVar
@@ -189,18 +189,39 @@ class Mesh:
         """The same options for another robot."""
         return replace(self, namespace=namespace)
 
-    def beside_others(self: M) -> M:
-        """The same options for a new society: in a free namespace, if none was chosen."""
-        from armadico.mesh.sockets import holder, socket_of
+    @contextmanager
+    def beside_others(self: M) -> Iterator[M]:
+        """The same options for a new society: in a free namespace, if none was chosen.
 
-        if NAMESPACE_VARIABLE in os.environ or self.namespace != DEFAULT_NAMESPACE:
-            return self
-        names = (DEFAULT_NAMESPACE, *(f"{DEFAULT_NAMESPACE}-{n}" for n in range(2, BESIDE + 2)))
-        free = next((name for name in names if holder(socket_of(name)) is None), None)
-        if free in (None, DEFAULT_NAMESPACE):
-            return self  # if none is free, the refusal of the default one says what to do
-        report(f"another society is in namespace {DEFAULT_NAMESPACE!r}: this one is in {free!r}")
-        return self.of(free)
+        No other new society takes it inside the `with` block. Raises FailedError if one has just
+        taken the chosen namespace.
+        """
+        from armadico.launch.pidfile import PidFile, TakenError
+        from armadico.mesh.sockets import holder, is_held, shares_of, socket_of
+
+        names: tuple[str, ...] = (self.namespace,)
+        if NAMESPACE_VARIABLE not in os.environ and self.namespace == DEFAULT_NAMESPACE:
+            names += tuple(f"{DEFAULT_NAMESPACE}-{n}" for n in range(2, BESIDE + 2))
+        with ExitStack() as stack:
+            for name in names:
+                if holder(socket_of(name)) is not None or any(map(is_held, shares_of(name))):
+                    continue
+                # Its router listens only later, so a share of no host holds the name until then.
+                with suppress(TakenError):
+                    stack.enter_context(PidFile(name, ""))
+                    break
+            else:
+                if holder(socket_of(self.namespace)) is None:
+                    raise FailedError(
+                        f"another society starts or is in namespace {self.namespace!r}:"
+                        " end it, or choose another one with --namespace"
+                    )
+                name = self.namespace  # its refusal says what to do
+            if name != self.namespace:
+                report(
+                    f"another society is in namespace {self.namespace!r}: this one is in {name!r}"
+                )
+            yield self.of(name)
 
     def lacks(self, cards: Mapping[tuple[str, str], Card | None]) -> list[str]:
         """The agents that should be alive, by `demand`, and are not. Raises ConfigError.

@@ -233,9 +233,14 @@ def _virtual(
 def _live(
     args: Drive, scenario: Scenario, chosen: Chosen, start: Start, _: Callable[[str], None]
 ) -> RunWatch:
-    if not (args.attach or args.mesh.hosts or args.mesh.connect):
-        args = replace(args, mesh=args.mesh.beside_others())
-        start = replace(start, mesh=args.mesh, namespaces=(args.mesh.namespace,))
+    if args.attach or args.mesh.hosts or args.mesh.connect:
+        return _live_in(args, scenario, chosen, start)
+    with args.mesh.beside_others() as mesh:
+        start = replace(start, mesh=mesh, namespaces=(mesh.namespace,))
+        return _live_in(replace(args, mesh=mesh), scenario, chosen, start)
+
+
+def _live_in(args: Drive, scenario: Scenario, chosen: Chosen, start: Start) -> RunWatch:
     mesh = args.mesh.join(starts=not args.attach)
     check_connect(args)
     options.end_as_by_ctrl_c()

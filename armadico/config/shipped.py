@@ -66,9 +66,10 @@ def find(kind: str, name_or_path: str | Path) -> Path:
         return resource_path(kind, name_or_path)
     if not path.is_file():
         beside = path.parent.iterdir() if path.parent.is_dir() else ()
-        there = [p.name for p in beside if p.suffix in SUFFIXES[kind]]
+        there = [p.name for p in beside if p.suffix in SUFFIXES[kind] and p.is_file()]
         instead = hint(path.name, there) or f"shipped {kind}: {', '.join(names(kind))}"
-        message = f"no file {str(path)!r}; {instead}"
+        what = f"{str(path)!r} is a folder" if path.is_dir() else f"no file {str(path)!r}"
+        message = f"{what}; {instead}"
         raise ConfigNameError("file", path.name, there, message=message)
     return path
 

@@ -129,7 +129,7 @@ def prepared(
     required: Sequence[str] = ()
     if change is not None:
         scenario = change(scenario)
-        required = sensing(_mapped(scenario, needs(tasks(scenario))), scenario.robot)
+        required = necessary(scenario)
     _, *others = names(scenario)
     for name in options.besides:
         if name not in scenario.agents:
@@ -361,13 +361,18 @@ def spare(
     return _launched(able, facts(scenario, options), options, together=False)
 
 
+def necessary(scenario: Scenario) -> tuple[str, ...]:
+    """The agents without which a robot does not do the tasks of a scenario."""
+    return sensing(_mapped(scenario, needs(tasks(scenario))), scenario.robot)
+
+
 def needed(scenario: Scenario | None, options: Options, table: HostTable) -> tuple[str, ...]:
     """The participating agents of all hosts that a scenario needs."""
     placed = {name for other in table.hosts.values() for name in other.agents}
     if scenario is None:
         return tuple(name for name in needs(tasks(None)) if name in placed)
     robot, *others = names(scenario, options.without)
-    needed = sensing(_mapped(scenario, needs(tasks(scenario))), scenario.robot)
+    needed = necessary(scenario)
     wanted = (robot, *(name for name in needed if name in others))
     return tuple(name for name in wanted if name in placed)
 

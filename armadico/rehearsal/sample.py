@@ -17,6 +17,7 @@ from armadico.core.cycles import PERIOD
 from armadico.core.judgement import Answer
 from armadico.core.messages import Ballot, Command, Message, RobotState
 from armadico.core.resources import WHEELS
+from armadico.launch.society import necessary
 from armadico.launch.virtual import Rehearsal
 from armadico.mobile.geometry import Pose2
 from armadico.mobile.messages import Pose, Stretch, Trajectory, Truth
@@ -249,7 +250,9 @@ def _told(run: Forked, witness: Witness, seed: int) -> Sample:
     elif result.judgement.answer is Answer.UNKNOWN:
         end, why = UNENDED, result.judgement.reason
     elif not result.passed:
-        end, why = FAILED, result.judgement.reason
+        missing = [name for name in necessary(run.scenario) if name not in run.names]
+        without = f" without {', '.join(missing)}, which the task needs" if missing else ""
+        end, why = FAILED, f"{result.judgement.reason}{without}"
     began = witness.path[0][0] if witness.path else 0.0
     level = watch.view.level
     return Sample(

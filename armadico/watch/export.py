@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from shutil import rmtree
 from typing import TYPE_CHECKING, Any, TextIO
 
 from armadico.observe.jsons import Json, JsonObject
@@ -32,18 +33,30 @@ class Tables:
     """
 
     def __init__(self, folder: Path) -> None:
-        """Write into a folder, which is created with the first file."""
-        self.folder = folder
+        """Write into a folder, which gets the files at the end of the `with` block.
+
+        After an error it gets none: half a table looks like a whole one.
+        """
+        self.folder = folder.resolve()
+        self._new = self.folder.with_name(f"{self.folder.name}.new")
         self.rows = 0
         self._first: int | None = None
         self._stack = ExitStack()
         self._files: dict[str, tuple[Writer, list[str]]] = {}
 
     def __enter__(self) -> Tables:
+        rmtree(self._new, ignore_errors=True)  # of an export that was killed
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
+    def __exit__(self, error: object, *_: object) -> None:
+        try:
+            self._stack.close()  # writes the last rows, unless the disk is full
+            if error is None and self._files:
+                self.folder.mkdir(parents=True, exist_ok=True)
+                for file in self._new.iterdir():
+                    file.replace(self.folder / file.name)
+        finally:
+            rmtree(self._new, ignore_errors=True)
 
     @property
     def topics(self) -> list[str]:
@@ -65,9 +78,9 @@ class Tables:
 
     def _begin(self, row: Row) -> tuple[Writer, list[str]]:
         name = row.topic.strip("/").replace("/", "_") + ".csv"
-        self.folder.mkdir(parents=True, exist_ok=True)
+        self._new.mkdir(parents=True, exist_ok=True)
         stream: TextIO = self._stack.enter_context(
-            (self.folder / name).open("w", newline="", encoding="utf-8")
+            (self._new / name).open("w", newline="", encoding="utf-8")
         )
         writer = csv.writer(stream)
         kind = kinds().get(row.schema)

@@ -143,6 +143,13 @@ def test_kill_that_no_sample_reaches_is_named(now: Present) -> None:
     assert "goto at 30 s" in told
 
 
+def test_failed_sample_names_the_needed_agents_that_are_left_out(now: Present) -> None:
+    """Without readings the behaviours do not drive: the time limit alone is no reason."""
+    found = told(of := forked(now, goal=NEAR, without=("sonar",)), sample(of, 0))
+    assert found.judgement.answer is Answer.NO
+    assert any("without sonar" in why for why in found.fails)
+
+
 def test_agent_that_is_in_every_society_cannot_be_left_out(now: Present) -> None:
     with pytest.raises(ConfigError, match="without robot"):
         fork(now, Errand(goal=NEAR, without=("robot",)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import resource
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -363,6 +364,15 @@ def test_tables_have_a_file_per_topic_and_a_column_per_field(tmp_path: Path, pat
     assert json.loads(claims[0]["commanded"]) == [0.2, 0.0]
     with (tmp_path / "out" / "robot1_encoder_pose.csv").open() as stream:
         assert [row["x"] for row in csv.DictReader(stream)] == ["1.5"]
+
+
+def test_tables_that_are_interrupted_leave_no_folder(tmp_path: Path, path: Path) -> None:
+    recorded(path, received("encoder/pose", POSE, SECOND))
+    with suppress(KeyboardInterrupt), Tables(tmp_path / "out") as tables:
+        for row in read(path):
+            tables.write(row)
+        raise KeyboardInterrupt
+    assert [each.name for each in tmp_path.iterdir()] == [path.name]
 
 
 def test_a_recording_is_drawn_like_the_dashboard(tmp_path: Path) -> None:

@@ -72,9 +72,11 @@ class Place:
 
     def popen(self, host: str, program: Sequence[str], **options: Any) -> subprocess.Popen[Any]:  # noqa: ARG002
         """Run `armadico ...`, or another program, on a host."""
+        env = {**(options.pop("env", None) or os.environ), "TMPDIR": str(self._folder)}
         process = subprocess.Popen(
-            bound(program, signal.SIGKILL),
+            bound(program, signal.SIGKILL),  # it removes none of its files, so they are in here
             **{"stdin": subprocess.DEVNULL, "start_new_session": True, **options},
+            env=env,
         )
         self._processes.append(process)
         return process

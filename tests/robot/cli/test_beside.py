@@ -8,7 +8,7 @@ from contextlib import ExitStack
 
 import pytest
 
-from armadico.cli.options import BESIDE, Mesh
+from armadico.cli.options import BESIDE, FailedError, Mesh
 from armadico.mesh.sockets import RUNTIME_VARIABLE, socket_of
 from armadico.mesh.topology import DEFAULT_NAMESPACE, NAMESPACE_VARIABLE
 from tests.runtime_folder import fresh_folder
@@ -32,7 +32,8 @@ def take(monkeypatch: pytest.MonkeyPatch) -> Iterator[Take]:
 
 
 def chosen(namespace: str = DEFAULT_NAMESPACE) -> str:
-    return Mesh(namespace=namespace).beside_others().namespace
+    with Mesh(namespace=namespace).beside_others() as mesh:
+        return mesh.namespace
 
 
 def test_alone_it_has_the_default_namespace(take: Take, capsys: pytest.CaptureFixture[str]) -> None:
@@ -65,3 +66,16 @@ def test_if_none_is_free_the_default_one_is_refused_later(take: Take) -> None:
     for name in ("robot1", *(f"robot1-{number}" for number in range(2, BESIDE + 2))):
         take(name)
     assert chosen() == "robot1"
+
+
+def test_societies_that_start_in_the_same_instant_get_two_names(take: Take) -> None:
+    """The router of the first does not listen yet."""
+    with Mesh().beside_others() as first, Mesh().beside_others() as second:
+        assert (first.namespace, second.namespace) == ("robot1", "robot1-2")
+    assert chosen() == "robot1", "it is free again"
+
+
+def test_of_two_that_start_in_one_chosen_namespace_the_second_is_refused(take: Take) -> None:
+    lab = Mesh(namespace="lab")
+    with lab.beside_others(), pytest.raises(FailedError, match="--namespace"), lab.beside_others():
+        pass

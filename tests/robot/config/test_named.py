@@ -124,3 +124,11 @@ def test_several_that_add_at_once_lose_nothing() -> None:
     for thread in threads:
         thread.join()
     assert {place.name for place in Gazetteer("house").places} >= set(names)
+
+
+def test_a_folder_with_the_name_of_a_file_is_called_a_folder(tmp_path: Path) -> None:
+    folder = tmp_path / "fold.toml"
+    folder.mkdir()
+    with pytest.raises(ConfigNameError, match="is a folder") as raised:
+        find("scenarios", folder)
+    assert "did you mean" not in str(raised.value)

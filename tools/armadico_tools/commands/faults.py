@@ -68,7 +68,8 @@ main = Command(
     " as few faults as possible. Exit code 1 if a promise was broken, if a trial failed or missed"
     " its aim, or if in 1000 seeds some situation never occurred; 3 if contacts were void for more"
     " than 2 % of the moving time, if trials were left out that need root, or if a recording lacks"
-    " what a promise is judged by.",
+    " messages that a promise is judged by. What no recording can show is printed as not checked,"
+    " and does not change the exit code.",
     EXAMPLES,
 )
 

@@ -158,7 +158,7 @@ def check_recording(path: Path, namespace: str | None, *, as_json: bool) -> int:
         broken, longest_s = checker.violations, checker.longest
         kept = no(f"{len(broken)} promises broken") if broken else yes()
         judgement = all_of((kept, *(unknown(what) for what in _unseen(checker, damage))))
-        without |= dict.fromkeys(UNRECORDED, "a recording lacks what it is judged by")
+        without |= dict.fromkeys(UNRECORDED, "no recording can show it")
         if checker.record.bounds.coordination:
             without |= dict.fromkeys(OF_BALLOTS, "it is a rule of ballots")
     if as_json:
