@@ -24,9 +24,8 @@ from armadico.mobile.offers import near, open_ways, repelled, speeds_of
 from armadico.mobile.safety import ON_THE_SPOT_M_S, Scene, corner_cut, critical
 from armadico.mobile.swept_path import free_path, free_turn
 
-FLANKS = ((1.0, 0.0), (0.5, 0.5), (0.2, 1.25), (0.0, 2.0))
-"""Shares of `flank_m` tried beside the footprint, and the cost of a tight fit, rad. Chosen on
-`sc3`: with 0.4 of these costs it followed the column so close that the robot agent stopped it."""
+FLANKS = ((1.0, 0.0), (0.5, 0.2), (0.2, 0.5), (0.0, 0.8))
+"""Shares of `flank_m` tried beside the footprint, and the cost of a tight fit, rad."""
 
 ON_GOAL_M = 0.1
 """Nearer to its goal than this a robot that stands is to turn, and cannot. One that has turned is
