@@ -5,9 +5,10 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from shutil import rmtree
+from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any, TextIO
 
 from armadico.observe.jsons import Json, JsonObject
@@ -37,26 +38,29 @@ class Tables:
 
         After an error it gets none: half a table looks like a whole one.
         """
-        self.folder = folder.resolve()
-        self._new = self.folder.with_name(f"{self.folder.name}.new")
+        self.folder = folder
+        self._new: Path | None = None  # where files are until they are whole
+        self._made = False  # whether the folder was
         self.rows = 0
         self._first: int | None = None
         self._stack = ExitStack()
         self._files: dict[str, tuple[Writer, list[str]]] = {}
 
     def __enter__(self) -> Tables:
-        rmtree(self._new, ignore_errors=True)  # of an export that was killed
         return self
 
     def __exit__(self, error: object, *_: object) -> None:
         try:
             self._stack.close()  # writes the last rows, unless the disk is full
-            if error is None and self._files:
-                self.folder.mkdir(parents=True, exist_ok=True)
+            if error is None and self._new is not None:
                 for file in self._new.iterdir():
                     file.replace(self.folder / file.name)
         finally:
-            rmtree(self._new, ignore_errors=True)
+            if self._new is not None:
+                rmtree(self._new, ignore_errors=True)
+            if self._made:
+                with suppress(OSError):  # it has tables
+                    self.folder.rmdir()
 
     @property
     def topics(self) -> list[str]:
@@ -78,7 +82,10 @@ class Tables:
 
     def _begin(self, row: Row) -> tuple[Writer, list[str]]:
         name = row.topic.strip("/").replace("/", "_") + ".csv"
-        self._new.mkdir(parents=True, exist_ok=True)
+        if self._new is None:
+            self._made = not self.folder.exists()
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._new = Path(mkdtemp(prefix=".unfinished-", dir=self.folder))
         stream: TextIO = self._stack.enter_context(
             (self._new / name).open("w", newline="", encoding="utf-8")
         )
