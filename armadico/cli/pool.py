@@ -105,7 +105,7 @@ class Local:
                 finished, _ = wait(running, return_when=FIRST_COMPLETED)
                 yield from ((running.pop(future), future.result()) for future in finished)
         finally:
-            if running:  # it is interrupted: an item may take an hour, or never end
+            if running:  # Ctrl-C, or an item failed: another may take an hour, or never end
                 for worker in {*active_children()} - {*others}:
                     worker.terminate()
             pool.shutdown(cancel_futures=True)

@@ -87,7 +87,8 @@ class McapFile:
                 self._writer.add_metadata(name, dict(words))
             self._writer.flush()  # type: ignore[no-untyped-call]
         except OSError:
-            path.unlink()  # a file without its head is of no use, and is in the way of the next try
+            with suppress(OSError):  # of no use without its head, and in the way of the next try
+                path.unlink()
             with suppress(OSError):
                 self._stream.close()
             raise

@@ -100,7 +100,9 @@ def test_a_recording_without_a_head_is_not_in_the_way_of_the_next_one(tmp_path: 
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
 
-    assert call(*words, preexec_fn=full, cwd=tmp_path).returncode == options.FAILED
+    done = call(*words, preexec_fn=full, cwd=tmp_path)
+    assert done.returncode == options.FAILED
+    assert "run.mcap" in done.stderr, "it failed for this"
     assert not (tmp_path / "run.mcap").exists()
 
 
