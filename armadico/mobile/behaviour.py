@@ -258,8 +258,8 @@ class Behaviour(Agent, hooks=("propose", "rate", "vector")):
         if _motion(state.v, state.w) != STANDS:
             self._stood.clear()  # not by a cycle that is let through: nothing may come of it
             return
-        through = _motion(state.admitted.v, state.admitted.w) != STANDS
-        if state.capped and not through and not state.stalled:  # what stalls is known by `stalled`
+        refused = state.capped and _motion(state.admitted.v, state.admitted.w) == STANDS
+        if refused and not state.stalled:  # what stalls is known by `stalled`
             motion = _motion(state.ordered.v, state.ordered.w)
             self._stood[motion] += motion != STANDS
             if self._stood[motion] >= REFUSED_CYCLES:

@@ -57,7 +57,7 @@ PERSON_RADIUS_M: Final = 0.25
 LEAST_M, LEAST_RAD = 0.02, 0.01
 """Least standard deviations of the pose with which localization begins."""
 
-PLANNER: Final = "path-planning"
+PATH_PLANNER: Final = "path-planning"
 
 TINY: Final = 1e-6
 """Numbers of a profile that differ by less are the same."""
@@ -322,7 +322,7 @@ def _plan(
     """
     if errand.mission is not None:
         return None
-    if errand.direct or (present and PLANNER not in taking):
+    if errand.direct or (present and PATH_PLANNER not in taking):
         return "direct"
     return "rooms" if mapped else "seen"
 

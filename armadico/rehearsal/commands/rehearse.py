@@ -165,9 +165,9 @@ def run(args: Options) -> int:
         if driven is not None:
             import msgspec
 
-            from armadico.rehearsal.fork import PLANNER
+            from armadico.rehearsal.fork import PATH_PLANNER
 
-            direct = PLANNER not in now.names  # the society took the goal without a plan
+            direct = PATH_PLANNER not in now.names  # the society took the goal without a plan
             errand = msgspec.structs.replace(errand, goal=driven.goal, direct=direct)
         made = stack.enter_context(made_map(now))
         of = fork(now, errand, world=args.world, made=made)
